@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self, TypeVar
 
 from posture_opt.collision.cell import CellSpec
 from posture_opt.collision.obstacles.mesh import Mesh
 from posture_opt.collision.scene import Scene
+from posture_opt.errors import NoSolutionError
 from posture_opt.measurements.data_section import DataSpec
 from posture_opt.model.arm import Arm
-from posture_opt.model.effects import CatalogueEntry, Effect
+from posture_opt.model.effects import CatalogueEntry, Effect, NoiseEffect
 from posture_opt.numerics import Array
 from posture_opt.result import Summarised
 from posture_opt.robot.corrections import corrections_of
@@ -22,9 +23,6 @@ from posture_opt.selection.solvers import Solver
 from posture_opt.selection.tasks import Task
 from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.uncertainty.sources.uncertainty_section import MeasurementSpec
-
-if TYPE_CHECKING:
-    from posture_opt.selection.fitted_arm import FittedArm
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -161,3 +159,57 @@ class ProblemData(Summarised, ABC):
     @abstractmethod
     def files(self, stem: str) -> dict[str, bytes]:
         """File name -> content: the problem file and what it needs beside it."""
+
+
+Problem = TypeVar("Problem", bound=ProblemData)
+Answer = TypeVar("Answer")
+
+
+def with_fallbacks(problem: Problem, solve: Callable[[Problem], Answer]) -> Answer:
+    """``solve(problem)``; where there is no solution, that of the first `ProblemData.fallback` that has one.
+
+    Raises:
+        NoSolutionError: the last one has none either, for the reasons that there are then.
+    """
+    while (wider := problem.fallback) is not None:
+        try:
+            return solve(problem)
+        except NoSolutionError:
+            problem = wider
+    return solve(problem)
+
+
+NEGLIGIBLE = {"m": 1e-11, "rad": 1e-13}
+"""Below, a deviation is rounding: [m], and [rad] at any reach of an arm."""
+
+
+@dataclass(frozen=True, eq=False)
+class FittedArm:
+    """The arm that fits measurements: deviations of its parameters, its effects, and what is still uncertain of both.
+
+    Args:
+        label: what the arm is called beside the name of its problem, ``calibrated``; empty for no new name.
+        deviations: of named parameters of the robot from the values of the problem [rad or m]; a frame with
+            deviations is known from now on, and no longer free.
+        known: covariance of the errors that stay, of effects too; ``None`` leaves all that the problem states.
+        scatter: JOINT.theta or JOINT.d -> standard deviation from repeat to repeat beside that of effects [rad or m].
+        effects: with their estimates, which add to those of the problem; ``noises`` likewise.
+        gravity: in the world of the data [m/s²]; ``None`` leaves that of the problem.
+        header: what a file of this arm says of itself in its first lines.
+        second_arms: name -> the arm that this one touched, as far as it was found with it.
+    """
+
+    label: str
+    deviations: Mapping[str, float]
+    known: Sources | None = None
+    scatter: Mapping[str, float] = field(default_factory=dict)
+    effects: tuple[Effect, ...] = ()
+    noises: tuple[NoiseEffect, ...] = ()
+    gravity: tuple[float, float, float] | None = None
+    header: tuple[str, ...] = ()
+    second_arms: Mapping[str, FittedArm] = field(default_factory=dict)
+
+    @property
+    def covariance_file(self) -> str:
+        """What the file of the covariance is called."""
+        return f"{self.label}_covariance.csv"

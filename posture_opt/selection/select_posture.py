@@ -9,10 +9,9 @@ from typing import TypeAlias
 
 from posture_opt.interrupts import interruptible
 from posture_opt.numerics import Progress
-from posture_opt.selection.answer.fallbacks import with_fallbacks
 from posture_opt.selection.answer.selector import PostureSelector, task_of
 from posture_opt.selection.answer.solution import Solution
-from posture_opt.selection.problem_data import ProblemData
+from posture_opt.selection.problem_data import ProblemData, with_fallbacks
 
 Answer: TypeAlias = Solution
 _FEATURES, _PATHS = "posture_opt.selection.stations.features_selection", "posture_opt.selection.paths.path_selector"

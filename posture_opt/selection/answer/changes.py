@@ -19,10 +19,21 @@ from posture_opt.numerics import Array
 from posture_opt.selection.program.nlp import Row
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem, bound_terms
 from posture_opt.selection.program.task_target import TaskTarget
-from posture_opt.selection.search.change import Change, ChangedValue, decimals_for, exact_text, rounded
 from posture_opt.selection.search.elastic_problem import AXIS, HELD, LIMITS, TARGET, Compromise, ElasticProblem
 from posture_opt.selection.search.giving_scene import CLEARANCE, gives_enough
-from posture_opt.selection.search.relaxation import VISIBLE_EXCESS, YAW, shown, stated_apart, stated_text, way_words
+from posture_opt.selection.search.relaxation import (
+    VISIBLE_EXCESS,
+    YAW,
+    Change,
+    ChangedValue,
+    decimals_for,
+    exact_text,
+    rounded,
+    shown,
+    stated_apart,
+    stated_text,
+    way_words,
+)
 from posture_opt.selection.tasks import Task
 
 

@@ -21,15 +21,13 @@ from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.program.task_target import TaskTarget
-from posture_opt.selection.search.change import Change
 from posture_opt.selection.search.elastic_problem import AXIS, LIMITS, TARGET, Compromise, ElasticProblem
 from posture_opt.selection.search.engine import CandidatePosture, Engine
 from posture_opt.selection.search.giving_scene import CLEARANCE
 from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE, InverseKinematics, unlimited
 from posture_opt.selection.search.multistart import MultistartResult
-from posture_opt.selection.search.relaxation import Reason, Reasons, Relaxation, plane_reason
-from posture_opt.selection.search.search_outcome import is_clear
-from posture_opt.selection.search.search_statistics import SearchStatistics
+from posture_opt.selection.search.relaxation import Change, Reason, Reasons, Relaxation, plane_reason
+from posture_opt.selection.search.search_outcome import SearchStatistics, is_clear
 from posture_opt.statements import Statement
 
 _POOL_POSTURES = 200  # random postures that are led towards the target: so many that of a reachable one some arrive

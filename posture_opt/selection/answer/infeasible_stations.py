@@ -23,9 +23,8 @@ from posture_opt.selection.answer.infeasible import (
     words_of,
 )
 from posture_opt.selection.program.task_target import TaskTarget
-from posture_opt.selection.search.change import Change
 from posture_opt.selection.search.elastic_problem import TARGET, Compromise
-from posture_opt.selection.search.relaxation import Reason, Relaxation, plane_reason
+from posture_opt.selection.search.relaxation import Change, Reason, Relaxation, plane_reason
 
 _MAX_STATIONS = 40  # that fail and are asked, spread evenly
 

@@ -1,14 +1,16 @@
-"""``PlacementRange``: where a workpiece may stand: x, y, z [m] and yaw [rad], each fixed or between two ends."""
+"""Where a workpiece may stand, where it was put, and how the objectives of its stations become one."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
+import casadi as ca
 import numpy as np
 
-from posture_opt.numerics import TURN, Array, Mask
-from posture_opt.selection.tasks.workpiece import Workpiece
+from posture_opt.numerics import TURN, Array, Mask, finite_or_none
+from posture_opt.selection.tasks.workpiece import Combine, Workpiece
 from posture_opt.statements import Quantity
 
 COORDINATES = ("x", "y", "z", "yaw")
@@ -99,3 +101,144 @@ def placement_text(w: Array, placement: PlacementRange) -> str:
 def placement_json(w: Array) -> dict[str, float]:
     """x, y, z [m] and yaw [rad] by name."""
     return dict(zip(COORDINATES, map(float, w), strict=True))
+
+
+@dataclass(frozen=True)
+class PlacementFigure:
+    """What one placement costs.
+
+    Args:
+        w: (4,) x, y, z [m] and yaw [rad] of the workpiece, world.
+        sigma: [m] of the worst station there, or the mean of all; infinite where one cannot be done.
+        success: probability that all stations succeed, where that is what counts.
+    """
+
+    w: Array
+    sigma: float
+    success: float | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain numbers, SI; no spread where a station cannot be done."""
+        figures = {"sigma": finite_or_none(self.sigma), "success_all": self.success}
+        return {"workpiece": placement_json(self.w), **figures}
+
+
+@dataclass(frozen=True)
+class PlacementStatistics:
+    """How the placement was searched for.
+
+    Args:
+        placements: that were looked at; ``feasible`` of them have a posture for every station.
+        starts: random postures that were led to stations.
+        solves: of the program of all stations.
+        batches: independent ones; ``recurred`` of them found the best optimum.
+        seconds: wall time.
+    """
+
+    placements: int
+    feasible: int
+    starts: int
+    solves: int
+    batches: int
+    recurred: int
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Placement(PlacementRange):
+    """The placement that the stations of an answer share, in the range where the workpiece may stand.
+
+    Args:
+        w: (4,) x, y, z [m] and yaw [rad] of the workpiece, world.
+        statistics: of the search for it; None where it was searched for with its path.
+        at_centre, typical: the middle of the range, and the median of random placements at which every station can be
+            done; None where the placement is fixed or there is none.
+        others: further optima, best first.
+    """
+
+    w: Array
+    statistics: PlacementStatistics | None = None
+    at_centre: PlacementFigure | None = None
+    typical: PlacementFigure | None = None
+    others: tuple[PlacementFigure, ...] = ()
+
+    @property
+    def workpiece(self) -> dict[str, float]:
+        """x, y, z [m] and yaw [rad] of the workpiece, by name."""
+        return placement_json(self.w)
+
+    @property
+    def central(self) -> float:
+        """Standard deviation [m] in the middle of the range; NaN where that was not tried, or is not feasible."""
+        return math.nan if self.at_centre is None else self.at_centre.sigma
+
+    @property
+    def search_json(self) -> dict[str, Any]:
+        """What the part ``solver`` of ``solution.json`` says of the search for it."""
+        return {} if self.statistics is None else vars(self.statistics)
+
+    def bench(self, postures: Array) -> Any:
+        """A map of the spread over the placement, from the postures (K, n) of an answer; None where none is made."""
+        return None
+
+    def to_json(self) -> dict[str, Any]:
+        """The part ``placements`` of ``solution.json``."""
+        return {
+            "centre": None if self.at_centre is None else self.at_centre.to_json(),
+            "typical": None if self.typical is None else self.typical.to_json(),
+            "others": [other.to_json() for other in self.others],
+        }
+
+
+ALMOST_ONE = 1 - 1e-9  # of a probability to miss: the logarithm of its complement stays finite
+_LEAST_VARIANCE = 1e-12  # under the root of a scaled variance, about 1
+
+
+def combined_symbols(combine: Combine, main: ca.MX, extra: ca.MX) -> ca.MX:
+    """The objective of K stations as a symbol.
+
+    ``worst``: ``max(f_k + e_k)``; ``mean``: ``Σ sqrt(f_k)/K + Σ e_k/K``; ``success``: ``log(−Σ log(1 − exp f_k)) +
+    Σ e_k/K``, as the logarithm of the probability of missing any.
+
+    Args:
+        main: (K, 1) first terms f, scaled variances; of the criterion ``miss`` the logarithms of the probabilities.
+        extra: (K, 1) sums of the further terms e.
+    """
+    if combine == "worst":
+        return ca.mmax(main + extra)
+    count = main.shape[0]
+    further = ca.sum1(extra) / count
+    if combine == "mean":
+        return ca.sum1(ca.sqrt(ca.fmax(main, 0) + _LEAST_VARIANCE)) / count + further
+    return ca.log(ca.sum1(-ca.log1p(-ALMOST_ONE * ca.exp(main)))) + further
+
+
+def combined_success(success: ca.MX, extra: ca.MX) -> ca.MX:
+    """``log(−log P) + Σ e_k/K`` of K stations that share errors, P the mean over N draws of the product of ``success``.
+
+    Args:
+        success: (K, N) probabilities given the draws.
+        extra: (K, 1) sums of the further terms e.
+    """
+    count, draws = success.shape
+    product = success[0, :]
+    for k in range(1, count):
+        product *= success[k, :]
+    return ca.log(-ca.log(ALMOST_ONE * ca.sum2(product) / draws + 1e-300)) + ca.sum1(extra) / count
+
+
+def combined_numbers(combine: Combine, main: Array, extra: Array) -> Array:
+    """(M,) the same of numbers (M, K), where the first terms are infinite if a station cannot be done."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        if combine == "worst":
+            return np.asarray((main + extra).max(axis=1))
+        further = extra.mean(axis=1)
+        if combine == "mean":
+            return np.asarray(np.sqrt(np.maximum(main, 0.0)).mean(axis=1) + further)
+        total = np.log(np.sum(-np.log1p(-np.exp(np.minimum(main, -1e-9))), axis=1)) + further
+    return np.where(np.isfinite(main).all(axis=1), total, np.inf)
+
+
+def combined_sigma(combine: Combine, sigma: Array) -> Array:
+    """(...) the standard deviation [m] that an answer is stated by, of those of its stations (..., K)."""
+    return np.asarray(sigma.mean(axis=-1) if combine == "mean" else sigma.max(axis=-1))

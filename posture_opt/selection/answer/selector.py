@@ -15,7 +15,6 @@ from posture_opt.errors import InputError, Issue, NoSolutionError
 from posture_opt.interrupts import interruptible
 from posture_opt.model.toolchain import find_compiler
 from posture_opt.numerics import Array, Progress
-from posture_opt.selection.answer.held_joints import held_joints, released, with_held_joints
 from posture_opt.selection.answer.infeasible import (
     Does,
     Explanation,
@@ -26,18 +25,29 @@ from posture_opt.selection.answer.infeasible import (
 )
 from posture_opt.selection.answer.solution import Solution, Status
 from posture_opt.selection.problem_data import ProblemData
-from posture_opt.selection.program.optimisation_problem import Alignment, OptimisationProblem
+from posture_opt.selection.program.optimisation_problem import (
+    Alignment,
+    OptimisationProblem,
+    held_joints,
+    released,
+    with_held_joints,
+)
 from posture_opt.selection.program.task_target import PLANE_TOLERANCE, Reach, TaskTarget
-from posture_opt.selection.search.axis_alignment import Aligner
-from posture_opt.selection.search.batches import until_found_often, until_recurrence, usual_starts
-from posture_opt.selection.search.change import Change, with_changes
-from posture_opt.selection.search.confirmed_posture import confirmed
+from posture_opt.selection.search.batches import screened_search, until_found_often, until_recurrence, usual_starts
 from posture_opt.selection.search.engine import CandidatePosture, Engine
-from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE
+from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE, Aligner
 from posture_opt.selection.search.multistart import MultistartResult, distinct, multistart, rank
-from posture_opt.selection.search.screened_search import screened_search
-from posture_opt.selection.search.search_outcome import SearchOutcome, Seek, clear_ones, searched
-from posture_opt.selection.search.search_statistics import SearchStatistics, Sweep, sweep
+from posture_opt.selection.search.relaxation import Change, with_changes
+from posture_opt.selection.search.search_outcome import (
+    SearchOutcome,
+    SearchStatistics,
+    Seek,
+    Sweep,
+    clear_ones,
+    confirmed,
+    searched,
+    sweep,
+)
 from posture_opt.selection.tasks import Task
 from posture_opt.statements import Quantity, Statement, state
 from posture_opt.uncertainty.moments.tool_point import ToolPoint

@@ -17,14 +17,16 @@ from posture_opt.collision.nearest import Clearance
 from posture_opt.numerics import Array, Json, Mask, finite_or_none
 from posture_opt.result import Result
 from posture_opt.robot.posture import Posture
-from posture_opt.selection.answer.combine import combined_sigma
-from posture_opt.selection.answer.configurations import configurations
-from posture_opt.selection.answer.end_moments import end_moments
+from posture_opt.selection.answer.other_postures import (
+    ManipulablePosture,
+    configurations,
+    end_moments,
+    most_manipulable,
+)
 from posture_opt.selection.answer.improvements import MIN_GAIN, Improvement, improvements
 from posture_opt.selection.answer.lower_bound import LowerBound, lower_bound
-from posture_opt.selection.answer.most_manipulable import ManipulablePosture, most_manipulable
+from posture_opt.selection.answer.placement import Placement, combined_sigma
 from posture_opt.selection.answer.prices import Price, prices_of
-from posture_opt.selection.answer.shared_placement import Placement
 from posture_opt.selection.answer.solution_statements import solution_statements
 from posture_opt.selection.answer.visiting_order import VisitingOrder, best_order
 from posture_opt.selection.problem_data import ProblemData
@@ -33,7 +35,7 @@ from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.confirmation import UNCONFIRMED_JSON, Confirmation, joined_confirmation
 from posture_opt.selection.search.engine import Engine
 from posture_opt.selection.search.relaxation import Reason, Relaxation
-from posture_opt.selection.search.search_statistics import SearchStatistics
+from posture_opt.selection.search.search_outcome import SearchStatistics
 from posture_opt.selection.tasks.workpiece import Combine
 from posture_opt.statements import Statement
 from posture_opt.uncertainty.regions.critical import Critical

@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from posture_opt.collision.scene_statements import scene_statements
+from posture_opt.model.arm import Arm
+from posture_opt.numerics import Array
 from posture_opt.robot.posture import joints_at_limits
-from posture_opt.selection.answer.arm_statements import beyond_measured, free_frames
-from posture_opt.selection.answer.confirmation_statement import confirmed
+from posture_opt.robot.robot import Robot
 from posture_opt.selection.answer.improvements import CalibratedArm, HalvedSigma, Improvement, MovedPart
 from posture_opt.selection.answer.placement import placement_text
 from posture_opt.selection.registered_tasks import part_words
+from posture_opt.selection.search.confirmation import Confirmation
 from posture_opt.selection.tasks.workpiece import WORKPIECE
 from posture_opt.statements import Quantity, Statement, Value, state
 from posture_opt.statements.notation import place, shift
@@ -286,3 +288,43 @@ def _failure(found: Solution) -> tuple[Statement, ...]:
 def _capital(text: str) -> str:
     """A text that begins a sentence."""
     return text[:1].upper() + text[1:]
+
+
+def beyond_measured(arm: Arm, Q: Array) -> tuple[Statement, ...]:
+    """Each effect that some of the postures Q (N, n) [rad or m] leave the measured range of, each that has one."""
+    found = []
+    for one in arm.beyond_measured(Q):
+        values = np.atleast_2d(Q)[:, one.joint]
+        worst = float(values[int(np.argmax(np.maximum(one.low - values, values - one.high)))])
+        angles = {"value": worst, "low": one.low, "high": one.high, "size": one.effect.unmeasured_size}
+        given = {name: Quantity(angle, "joint angle") for name, angle in angles.items()}
+        found.append(state("selection.beyond-measured", one.effect.target, effect=one.effect.title, **given))
+    return (*found, *known_ranges(arm))
+
+
+def known_ranges(arm: Arm) -> tuple[Statement, ...]:
+    """The effects that are known only between two values of their joint."""
+    return tuple(
+        state("selection.known-range", one.effect.target, effect=one.effect.title,
+              low=Quantity(one.low, "joint angle"), high=Quantity(one.high, "joint angle"))
+        for one in arm.measured_ranges
+    )  # fmt: skip
+
+
+def free_frames(robot: Robot) -> tuple[Statement, ...]:
+    """What became of a base or tool that the problem file leaves free."""
+    free = {"base": robot.base_free, "tool": robot.tool_free}
+    return tuple(state("problem.frame-free", frame) for frame, is_free in free.items() if is_free)
+
+
+def confirmed(said: Confirmation | None) -> tuple[Statement, ...]:
+    """Whether the solver ends at the answer too; nothing where it was not asked."""
+    if said is None:
+        return ()
+    if not said.differs:
+        name = "confirmed"
+    elif math.isnan(said.agrees):
+        name = "confirmation-failed"
+    else:
+        name = f"confirmation-{'better' if said.taken else 'worse'}"
+    return (state(f"selection.{name}", iterations=said.iterations, difference=Quantity(said.agrees, "share")),)

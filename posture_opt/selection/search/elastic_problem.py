@@ -18,8 +18,7 @@ import numpy as np
 
 from posture_opt.model.compiled import BatchFunction
 from posture_opt.numerics import Array
-from posture_opt.selection.program.nlp import Nlp, Row
-from posture_opt.selection.program.nonlinear_solver import NonlinearSolver
+from posture_opt.selection.program.nlp import Nlp, NonlinearSolver, Row
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.search.giving_scene import CLEARANCE, GivingScene
 from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import pickle
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -14,15 +15,19 @@ from posture_opt.collision.contact_slack import ContactSlack
 from posture_opt.collision.contacts import Contacts
 from posture_opt.model.compiled import BatchFunction
 from posture_opt.model.toolchain import find_compiler
-from posture_opt.numerics import Array, Codes, DerivedAgain
+from posture_opt.numerics import TURN, Array, Codes, DerivedAgain
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
-from posture_opt.selection.program.pose_request import PoseRequest, held_request, request_for
 from posture_opt.selection.program.task_target import TaskTarget
-from posture_opt.selection.search.clusters import clusters
-from posture_opt.selection.search.confirming_solver import ConfirmingSolver
+from posture_opt.selection.search.confirmation import ConfirmingSolver
 from posture_opt.selection.search.elastic_problem import ElasticProblem
-from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE, InverseKinematics
+from posture_opt.selection.search.inverse_kinematics import (
+    ROW_TOLERANCE,
+    InverseKinematics,
+    PoseRequest,
+    held_request,
+    request_for,
+)
 from posture_opt.selection.search.local_search import LocalOptima, LocalSearch
 from posture_opt.selection.solvers import Outcome, Polish, Solver
 
@@ -320,3 +325,37 @@ def median(values: Array) -> float:
     """The median of (N,) values; NumPy's own loads its masked arrays first, which a cold start can do without."""
     ordered = np.sort(values)
     return float(ordered[(len(ordered) - 1) // 2] + ordered[len(ordered) // 2]) / 2
+
+
+DISTINCT_ANGLE = math.radians(5.0)  # apart in a joint: well above what a search leaves open in a flat valley
+DISTINCT_STROKE = 0.01  # m, the same of a slide
+ROWS_PER_BLOCK = 64  # postures that are compared with all others at once: bounds the memory
+
+
+def clusters(Q: Array, robot: Robot, size: Codes | None = None, ignored: Sequence[int] = ()) -> tuple[Codes, Codes]:
+    """Rows of Q (k, n) that differ from every earlier one, and how many rows, ``size`` each, differ from them by less.
+
+    By more than 5° or 10 mm in a joint, whole turns apart; the joints ``ignored`` make no difference.
+
+    Args:
+        Q: (k, n) postures [rad or m], best first: the first of a cluster represents it.
+        size: (k,) how many searches each row represents; default one.
+    """
+    joints = [k for k in range(robot.n) if k not in ignored]
+    revolute = np.array([robot.joints[k].type == "revolute" for k in joints], dtype=bool)[:, None]
+    limit, turn = np.where(revolute, DISTINCT_ANGLE, DISTINCT_STROKE)[..., None], np.where(revolute, TURN, 0.0)
+    X = Q.T[joints]
+    X -= turn * np.rint(X / TURN)  # angles within half a turn of zero are near, or a turn but a little apart
+    beyond = np.where(revolute, TURN, np.inf)[..., None] - limit
+    left, cluster = np.ones(len(Q), dtype=bool), np.zeros(len(Q), dtype=int)
+    first: list[int] = []
+    for block in range(0, len(Q), ROWS_PER_BLOCK):
+        apart = np.abs(X[:, block : block + ROWS_PER_BLOCK, None] - X[:, None])
+        near = np.logical_and.reduce((apart <= limit) | (apart >= beyond))
+        for k, row in enumerate(near, start=block):
+            if left[k]:
+                row &= left
+                cluster[row] = len(first)
+                first.append(k)
+                left ^= row
+    return np.array(first, dtype=int), np.bincount(cluster, size, len(first)).astype(int)

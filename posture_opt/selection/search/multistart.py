@@ -15,8 +15,7 @@ import numpy as np
 from posture_opt.numerics import Array, Codes
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.program.task_target import TaskTarget
-from posture_opt.selection.search.clusters import clusters
-from posture_opt.selection.search.engine import STEPS, CandidatePosture, Engine, median
+from posture_opt.selection.search.engine import STEPS, CandidatePosture, Engine, clusters, median
 from posture_opt.selection.search.inverse_kinematics import PATIENT_STEPS, ROW_TOLERANCE, TOLERANCE
 from posture_opt.selection.search.inverse_kinematics import STEPS as IK_STEPS
 from posture_opt.selection.search.local_search import LocalOptima

@@ -9,8 +9,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from posture_opt.selection.program.nlp import Nlp
-from posture_opt.selection.program.nonlinear_solver import NonlinearSolver
+from posture_opt.selection.program.nlp import Nlp, NonlinearSolver
 from posture_opt.selection.solvers.solver import Ends, Outcome, Polish, Solver
 
 CONFIRMING_TOLERANCE = 1e-9

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar, Literal
 
-from posture_opt.selection.tasks.seam_task import SeamTask
+from posture_opt.selection.tasks.path_task import SeamTask
 from posture_opt.selection.tasks.task import Criterion
 
 

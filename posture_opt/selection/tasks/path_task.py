@@ -10,9 +10,9 @@ from pydantic import BeforeValidator, Field, ValidationInfo, WithJsonSchema, fie
 
 from posture_opt.errors import BadValueError
 from posture_opt.limits import MOST_PATH_POINTS
-from posture_opt.selection.tasks.direction import Direction
 from posture_opt.selection.tasks.task import Task
-from posture_opt.selection.tasks.workpiece import Workpiece
+from posture_opt.selection.tasks.workpiece import Direction, Workpiece
+from posture_opt.uncertainty.regions.critical import Within
 from posture_opt.units import Angle, Length, parse_quantity
 
 Point = tuple[Length, Length, Length]
@@ -204,3 +204,38 @@ def _distance(point: Point, a: Point, b: Point) -> float:
 def repeated(points: tuple[Point, ...]) -> list[int]:
     """Points (their numbers from 0) that the next one repeats, closer than 1e-9 m."""
     return [k for k, (a, b) in enumerate(pairwise(points)) if math.dist(a, b) < _APART]
+
+
+class SeamTask(PathTask):
+    """A path with the tool axis along its own axes, or along ``direction`` where it states none, within the tilt.
+
+    The spread counts across the travel, sideways and in the distance from the seam alike: both change the bead.
+    """
+
+    within: ClassVar[Within] = "across"
+    axis: ClassVar[Literal["aligned", "required", "free"]] = "aligned"
+
+    standoff: Annotated[Length, Field(ge=0)] = Field(
+        0.0, description="distance of the tool point from the path, against the direction"
+    )
+
+    @property
+    def tool_points(self) -> tuple[Point, ...]:
+        """Where the tool point goes: off the seam by the stand-off, against the tool axis."""
+        points = super().tool_points
+        if not self.standoff:
+            return points
+        axes = self.unit_axes
+        return tuple(
+            (x - self.standoff * dx, y - self.standoff * dy, z - self.standoff * dz)
+            for (x, y, z), (dx, dy, dz) in zip(points, axes, strict=True)
+        )
+
+    @model_validator(mode="after")
+    def _needs_a_seam(self) -> SeamTask:
+        if not self.on_path:
+            raise BadValueError(
+                f"{self.kind} follows a seam and none is given",
+                "add path: seam.csv, or points: [[0.5 m, 0 m, 0.1 m], [0.6 m, 0 m, 0.1 m]]",
+            )
+        return self

@@ -14,8 +14,7 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from posture_opt.errors import BadValueError
 from posture_opt.robot.robot import Robot
-from posture_opt.selection.tasks.direction import Direction
-from posture_opt.selection.tasks.workpiece import Combine, Features, Workpiece
+from posture_opt.selection.tasks.workpiece import Combine, Direction, Features, Workpiece
 from posture_opt.selection.terms import TermSpec
 from posture_opt.spec import Spec
 from posture_opt.uncertainty.regions.critical import Within

@@ -15,7 +15,6 @@ from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema, mod
 from posture_opt.collision.obstacles.mesh import DEFAULT_BOXES, BoxCount, Mesh, MeshUnit
 from posture_opt.errors import BadValueError
 from posture_opt.limits import MOST_FEATURES
-from posture_opt.selection.tasks.direction import Direction
 from posture_opt.spec import Spec
 from posture_opt.units import DIMENSIONS, Length, parse_quantity
 
@@ -175,3 +174,17 @@ def _distinct(features: tuple[Feature, ...]) -> tuple[Feature, ...]:
 
 
 Features = Annotated[tuple[Feature, ...], AfterValidator(_distinct)]
+
+
+def _nonzero(vector: tuple[float, float, float]) -> tuple[float, float, float]:
+    """The vector as it is, unless its length is below 1e-12.
+
+    Raises:
+        BadValueError: it points nowhere.
+    """
+    if math.hypot(*vector) < 1e-12:
+        raise BadValueError("a direction of length zero points nowhere", "write for example [0, 0, -1]")
+    return vector
+
+
+Direction = Annotated[tuple[float, float, float], AfterValidator(_nonzero)]

@@ -9,8 +9,7 @@ from pydantic import Field
 
 from posture_opt.errors import BadValueError
 from posture_opt.robot.robot import Robot
-from posture_opt.selection.terms.joint_bounds import joint_values
-from posture_opt.selection.terms.term import Quantities, Stated, Term
+from posture_opt.selection.terms.term import Quantities, Stated, Term, joint_values
 from posture_opt.units import JointValue
 
 

@@ -14,8 +14,7 @@ from pydantic import Field
 from posture_opt.errors import BadValueError
 from posture_opt.model.arm_state import ArmState
 from posture_opt.robot.robot import Robot
-from posture_opt.selection.terms.joint_bounds import joints_named
-from posture_opt.selection.terms.term import Quantities, Stated, Term
+from posture_opt.selection.terms.term import Quantities, Stated, Term, joints_named
 from posture_opt.units import Torque
 
 Bound = Annotated[Torque, Field(gt=0)]

@@ -13,8 +13,7 @@ from pydantic import Field, model_validator
 
 from posture_opt.errors import BadValueError, one_of
 from posture_opt.robot.robot import Robot
-from posture_opt.selection.terms.joint_bounds import joint_values
-from posture_opt.selection.terms.term import BoundedTerm, Quantities, Stated
+from posture_opt.selection.terms.term import BoundedTerm, Quantities, Stated, joint_values
 from posture_opt.units import Angle, JointQuantity, JointValue
 
 

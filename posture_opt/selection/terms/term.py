@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
@@ -16,7 +16,7 @@ from typing import ClassVar
 import casadi as ca
 from pydantic import Field, model_validator
 
-from posture_opt.errors import BadValueError, InputError, Issue
+from posture_opt.errors import BadValueError, InputError, Issue, did_you_mean
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Walk
 from posture_opt.robot.robot import Robot
@@ -25,6 +25,7 @@ from posture_opt.spec import Spec
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
 from posture_opt.uncertainty.regions.critical import Within
 from posture_opt.uncertainty.spread.held_part import HeldPart
+from posture_opt.units import JointQuantity
 
 
 @dataclass(frozen=True)
@@ -252,3 +253,57 @@ class BoundedTerm(Term):
         if low > high:
             raise BadValueError("at_least is above at_most", "swap them")
         return self
+
+
+def joints_named(names: Iterable[str], robot: Robot) -> list[int]:
+    """The indices of the joints of these names, in the order of the names.
+
+    Raises:
+        BadValueError: a name that no joint has; the hint holds the nearest one.
+    """
+    known = robot.joint_names
+    for name in names:
+        if name not in known:
+            raise BadValueError(f"'{name}' is no joint of this arm", did_you_mean(name, known))
+    return [known.index(name) for name in names]
+
+
+def joint_values(values: Mapping[str, JointQuantity], robot: Robot, *, within_limits: bool = False) -> dict[int, float]:
+    """Joint index -> value [rad or m], from quantities with their units.
+
+    Raises:
+        BadValueError: a name that no joint has, an angle for a prismatic joint, a length for a revolute one, or a
+            value beyond the limits where ``within_limits`` is set.
+    """
+    found = {}
+    for index, (name, given) in zip(joints_named(values, robot), values.items(), strict=True):
+        joint = robot.joints[index]
+        wanted = "angle" if joint.type == "revolute" else "length"
+        if not given.suits(wanted):
+            example = "30 deg" if wanted == "angle" else "80 mm"
+            raise BadValueError(
+                f"{name} is {joint.type} and takes an {wanted}".replace("an l", "a l"), f"write {name}: {example}"
+            )
+        if within_limits and not joint.lower <= given.value <= joint.upper:
+            raise BadValueError(f"{name} cannot stand there: it lies beyond its limits", "choose a value within them")
+        found[index] = given.value
+    return found
+
+
+_USUAL = 1e-3  # m or rad: where no bound says what is large
+
+
+class StandardDeviationTerm(Term):
+    """A standard deviation σ [m or rad] with an upper bound: the row is ``σ/at_most ≤ 1``."""
+
+    at_most: float | None = None
+
+    def bounds(self) -> tuple[float, float]:
+        return -math.inf, math.inf if self.at_most is None else self.at_most
+
+    @property
+    def row_size(self) -> float:
+        return self.at_most or _USUAL
+
+    def scale(self, at: Quantities) -> float:
+        return self.at_most or _USUAL

@@ -1,4 +1,4 @@
-"""Which configuration an arm is in: shoulder left or right, elbow up or down, wrist flipped, where it has them.
+"""Other postures for a task: the configuration each is in, its spread, and the most manipulable one.
 
 Postures of one configuration are joined by motions that pass no singular posture of this kind; they differ by the spin
 of the tool, or by what a redundant arm has over. The signs are those of the factors that vanish there: for six turning
@@ -8,14 +8,26 @@ the distance of the wrist from the first axis, the bend of the elbow, and the si
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from posture_opt.model.chain import Vector, factor_values, stack, walk
-from posture_opt.numerics import Array, Mask
+from posture_opt.model.compiled import BatchFunction
+from posture_opt.numerics import Array, Json, Mask
+from posture_opt.robot.posture import Posture
 from posture_opt.robot.robot import Robot
+from posture_opt.selection.program.optimisation_problem import OptimisationProblem
+from posture_opt.selection.program.task_target import TaskTarget
+from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE
+from posture_opt.selection.solvers import Solver
+from posture_opt.selection.terms.manipulability import Manipulability
+from posture_opt.uncertainty.regions.critical import Critical
+from posture_opt.uncertainty.regions.regions import deviation
+from posture_opt.uncertainty.spread.peg_spread import peg_spread
 
 _PARALLEL = 0.02  # sine [1] up to which axes are parallel, cosine up to which they are perpendicular; corrections lean
 _ROUNDING = 1e-12  # m² or 1: a sign of less is that of a singular posture, which counts as not positive
@@ -165,3 +177,105 @@ def _seven(at: _Axes) -> Names:
     return tuple(
         _either(at.triple(k, k + 1, k + 2) > _ROUNDING, f"{name} not flipped", f"{name} flipped") for name, k in named
     )
+
+
+@dataclass(frozen=True)
+class EndMoments:
+    """At N postures: covariance (N, 3, 3) [m²] and mean shift (N, 3) [m] of the end that counts, σ_max (N,) [m].
+
+    ``position`` (N, 3) is the nominal tool point, world [m].
+    """
+
+    position: Array
+    covariance: Array
+    bias: Array
+    sigma: Array
+
+
+def end_moments(problem: OptimisationProblem, Q: Array, basis: Array, lever: Array) -> EndMoments:
+    """Moments of postures Q (N, n) [rad or m] in the ``basis`` (3, m) of what counts, at targets of one ``lever``.
+
+    Of a peg both ends are evaluated, and each posture keeps the end with the larger σ_max.
+    """
+    tip, part = problem.tool_point.seen_from(lever.tolist()), problem.task.part
+    columns = [np.ascontiguousarray(column) for column in Q.T]
+    ends = []
+    for point in [tip] if part is None else [tip, part.behind(tip)]:
+        moments = point.moments(columns)
+        C = np.broadcast_to(moments.covariance, (len(Q), 3, 3))
+        sigma = [deviation(float(np.linalg.eigvalsh(basis.T @ c @ basis)[-1]), c) for c in C]
+        bias = np.broadcast_to(moments.mean - moments.position, (len(Q), 3))
+        ends.append(EndMoments(np.broadcast_to(moments.position, (len(Q), 3)), C, bias, np.array(sigma)))
+    if len(ends) == 1:
+        return ends[0]
+    worse = ends[1].sigma > ends[0].sigma
+    C, bias = (
+        np.where(worse.reshape(-1, *[1] * (a.ndim - 1)), b, a)
+        for a, b in ((ends[0].covariance, ends[1].covariance), (ends[0].bias, ends[1].bias))
+    )
+    return EndMoments(ends[0].position, C, bias, np.maximum(ends[0].sigma, ends[1].sigma))
+
+
+def success_with_peg(problem: OptimisationProblem, q: Array, basis: Array, target: TaskTarget) -> float | None:
+    """The probability that both ends of the task's peg stay within the clearance; None without a peg or a clearance."""
+    part = problem.task.part
+    if part is None:
+        return None
+    point = problem.tool_point.seen_from(target.lever.tolist())
+    moments = point.moments(q.tolist())
+    C, bias = (np.asarray(v, dtype=float) for v in (moments.covariance, moments.mean - moments.position))
+    tip = Critical.of(problem.task.within, basis, C, bias)
+    return peg_spread(part, point, tuple(q.tolist()), (tip, basis), target.clearance).success
+
+
+_IMPROVED_STARTS = 4  # starts of greatest manipulability that the solver improves
+_MANIPULABILITY_TOLERANCE = 1e-4  # relative: of postures that are as good, the one that scatters least is reported
+
+
+@dataclass(frozen=True)
+class ManipulablePosture:
+    """A posture (joint name -> rad or m), its manipulability [m/rad] and its σ_max [m]."""
+
+    posture: Posture
+    manipulability: float
+    sigma_max: float
+
+    def to_json(self) -> dict[str, Json]:
+        """Plain numbers, SI."""
+        return {"posture": self.posture, "manipulability": self.manipulability, "sigma_max": self.sigma_max}
+
+
+def most_manipulable(
+    problem: OptimisationProblem, target: TaskTarget, solver: Solver, Q: Array
+) -> ManipulablePosture | None:
+    """The best that the solver finds from the feasible postures (N, n) of a search.
+
+    The rows of the task hold; the spread plays no part. None where no posture is feasible, and of an arm whose tool
+    point no joint moves.
+    """
+    if not len(Q) or not problem.quantities.jacobian.shape[0]:
+        return None
+    nlp, term = problem.nlp, Manipulability(kind="manipulability")
+    cost = term.cost(problem.quantities)
+    asked = replace(nlp, objective=cost, terms=((term.kind, cost),))
+    measured = BatchFunction(
+        ca.Function("manipulability", [nlp.x, nlp.p], [term.quantity(problem.quantities), nlp.variance]), compiled=False
+    )
+    sizes, _ = measured(Q, target.parameters)
+    starts = Q[np.argsort(-sizes[:, 0], kind="stable")[:_IMPROVED_STARTS]]
+    if problem.freedom:
+        polish = solver.build(asked)
+        ends = asked.ends(target.parameters)
+        starts = np.vstack([starts, *_met(asked, target, [polish(q, target.parameters, ends).x for q in starts])])
+    sizes, variances = (column[:, 0] for column in measured(starts, target.parameters))
+    best = min(
+        np.flatnonzero(sizes >= (1 - _MANIPULABILITY_TOLERANCE) * sizes.max()), key=lambda k: float(variances[k])
+    )
+    posture = Posture(problem.robot, starts[best])
+    return ManipulablePosture(posture, float(sizes[best]), float(np.sqrt(max(variances[best], 0.0))))
+
+
+def _met(nlp: Any, target: TaskTarget, found: Sequence[Array]) -> list[Array]:
+    """Those of some postures (n,) that meet every row."""
+    screen = BatchFunction(nlp.screen, compiled=False)
+    return [q for q in found if np.all(np.isfinite(q)) and screen(q[None], target.parameters)[1][0, 0] <= ROW_TOLERANCE]
