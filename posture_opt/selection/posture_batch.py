@@ -202,14 +202,7 @@ _ANSWER = Either(
 
 @recorded(lambda seed, item: _ANSWER)
 def solved(seed: int | None, item: tuple[ProblemData, bool]) -> list[Any]:
-    """Exit code, reasons, document, and page with picture or None, of one problem: a part of the work.
-
-    A defect is its own problem's too: of a thousand problems the others keep their answers.
-
-    Args:
-        seed: of the random starts; None: the problem's.
-        item: the problem, and whether a page is made.
-    """
+    """Exit code, reasons, document, and page with picture or None; a defect is its own problem's too."""
     problem, paged = item
     try:
         solution = select_posture(problem, seed=seed)
@@ -227,7 +220,6 @@ def solved(seed: int | None, item: tuple[ProblemData, bool]) -> list[Any]:
 
 
 def _page_of(solution: Solution) -> list[str]:
-    """The report of a solution as a page, and its picture in base64."""
     page, picture = registered("presenter", solution).illustrated_page()
     return [page, b64encode(picture).decode("ascii")]
 

@@ -68,7 +68,6 @@ def read_tasks(points: Iterable[EntryPoint]) -> RegisteredTasks:
 
 
 def kind_of(task: type[Task]) -> str:
-    """The word that names a task in files."""
     (kind,) = get_args(task.model_fields["kind"].annotation)
     return str(kind)
 
@@ -88,7 +87,6 @@ def _package(point: EntryPoint) -> str:
 
 
 def _checked(found: object, name: str, taken: set[str]) -> type[Task]:
-    """The class, where it is a task of that kind with all that a task says of itself."""
     if not (isinstance(found, type) and issubclass(found, Task)):
         raise TypeError(f"{found!r} is no subclass of posture_opt.Task")
     if get_args(found.model_fields["kind"].annotation) != (name,):

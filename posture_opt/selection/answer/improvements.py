@@ -38,47 +38,31 @@ _MAX_START_ALTERNATIVES = 4  # other postures that the moved part is tried with
 
 @dataclass(frozen=True)
 class Improvement:
-    """One change that would help.
-
-    Args:
-        change: what changes: an error, the knowledge of the arm, or the place of the part.
-        sigma_max: [m] that it would leave; ``gain`` is ``1 − after/before``.
-    """
-
-    change: ClassVar[str]
-    sigma_max: float
-    gain: float
+    change: ClassVar[str]  # what changes: an error, the knowledge of the arm, or the place of the part
+    sigma_max: float  # [m] that it would leave
+    gain: float  # 1 − after/before
 
     def to_json(self) -> dict[str, Json]:
-        """Plain numbers, SI."""
         return {"change": self.change, **vars(self)}
 
 
 @dataclass(frozen=True)
 class HalvedSigma(Improvement):
-    """One stated standard deviation [rad or m] halved, the correlations kept.
-
-    Args:
-        parameter: its name; ``sigma`` the value as it is stated.
-    """
+    """One stated standard deviation halved, the correlations kept."""
 
     change = "halve_sigma"
     parameter: str
-    sigma: float
+    sigma: float  # as stated [rad or m]
 
 
 @dataclass(frozen=True)
 class CalibratedArm(Improvement):
-    """Errors that stay from repeat to repeat known as well as ``postures`` measured points determine them.
-
-    Args:
-        instrument: standard deviation of each coordinate of a measured point [m]; ``assumed`` where the file has none.
-    """
+    """Errors that stay known as well as ``postures`` measured points determine them."""
 
     change = "calibrate"
     postures: int
-    instrument: float
-    assumed: bool
+    instrument: float  # standard deviation of a measured coordinate [m]
+    assumed: bool  # the file states no instrument
 
 
 @dataclass(frozen=True)
@@ -124,12 +108,7 @@ class MovableAnswer(Protocol):
 def improvements(
     stations: Sequence[AnsweredStation], combined: Callable[[Array], Any], place: MovableAnswer | None = None
 ) -> tuple[Improvement, ...]:
-    """What would lower the standard deviation of an answer with a posture at each of K stations, most gain first.
-
-    Args:
-        combined: of (K,) standard deviations [m], the figure of merit of the answer.
-        place: the answer, where its part could also stand elsewhere.
-    """
+    """Changes that lower ``combined`` of the K stations' standard deviations (K,) [m], most gain first."""
     before = float(combined(np.array([station.critical.sigma_max for station in stations])))
     if not before > 0:
         return ()
@@ -158,10 +137,7 @@ def improvements(
 
 
 def _weighty(stations: Sequence[AnsweredStation], sources: Sources) -> list[tuple[str, float]]:
-    """Name and σ of the sources with the largest shares in the variance of any station.
-
-    Only these are tried: halving a source of share s reduces σ by ``1 − sqrt(1 − 3 s/4)`` where nothing correlates.
-    """
+    """Sources to try: halving one of variance share s lowers σ by ``1 − sqrt(1 − 3 s/4)`` without correlations."""
     shares: dict[str, float] = {}
     for station in stations:
         for share in station.budget:
@@ -174,17 +150,13 @@ def _weighty(stations: Sequence[AnsweredStation], sources: Sources) -> list[tupl
 
 
 def _halved(sources: Sources, name: str) -> Sources:
-    """The same sources with one standard deviation, as the file states it, halved, its correlations kept."""
     scale = np.where([stated_name(one) == name for one in sources.names], 0.5, 1.0)
     both = np.outer(scale, scale)
     return Sources(sources.names, sources.covariance * both, sources.notes, sources.scatter * both)
 
 
 def _moved(place: MovableAnswer, before: float) -> tuple[float, tuple[float, float, float]] | None:
-    """The least σ_max [m] with the part a short way off, and the way; None where the place was free, or none is better.
-
-    All places are tried in one batch of local searches, from the posture of the answer and from its alternatives.
-    """
+    """Least σ_max [m] with the part a short way off, and that way; one batch of local searches for all places."""
     target, problem = place.target, place.optimisation_problem
     if target.kind != "point":
         return None
@@ -224,16 +196,11 @@ _INSTRUMENT_SIGMA_M = 0.05e-3  # m: a laser tracker with its target in a nest, w
 
 @dataclass(frozen=True)
 class Calibrating:
-    """Random postures at which the tool point would be measured.
-
-    Args:
-        postures: how many; instrument: standard deviation of each measured coordinate [m].
-        assumed: whether the instrument is an assumption, because the file states none.
-    """
+    """Random postures at which the tool point would be measured."""
 
     postures: int
-    instrument: float
-    assumed: bool
+    instrument: float  # standard deviation of a measured coordinate [m]
+    assumed: bool  # the file states no instrument
 
     @classmethod
     def of(cls, problem: ProblemData) -> Calibrating:
@@ -244,26 +211,20 @@ class Calibrating:
 
 @dataclass(frozen=True)
 class KnownAfter:
-    """The sources of error after a calibration, and what was measured for it.
-
-    Args:
-        sources: with the part that stays reduced; scatter from repeat to repeat is as before.
-        postures: that are measured; ``instrument``: standard deviation of a coordinate [m], ``assumed`` where the
-            file states none.
-    """
+    """The sources of error after a calibration, the scatter from repeat to repeat as before."""
 
     sources: Sources
     postures: int
-    instrument: float
+    instrument: float  # standard deviation of a measured coordinate [m]
     assumed: bool
 
 
 def after_calibration(problem: ProblemData, plan: Calibrating) -> KnownAfter | None:
-    """The sources with the part that stays reduced to what the measurements leave of it; None where nothing stays.
+    """Sources after measured points, ``Σ ← Σ − ΣJᵀ(JΣJᵀ + R)⁻¹JΣ``; None where no error stays.
 
-    The constant part Σ is updated by every measured point, ``Σ ← Σ − ΣJᵀ(JΣJᵀ + R)⁻¹JΣ`` with J (3, k) the sensitivity
-    of the tool point and ``R = s²I + J S Jᵀ`` of instrument and scatter: linear least squares with the stated σ's as
-    priors (Bar-Shalom, Li and Kirubarajan 2001, section 3.2). Frames are taken as the problem states them.
+    J (3, k) is the sensitivity of the tool point, ``R = s²I + J S Jᵀ`` of instrument and scatter: linear least squares
+    with the stated σ's as priors (Bar-Shalom, Li and Kirubarajan 2001, section 3.2).
+
     """
     sources = problem.sources
     remaining = sources.constant

@@ -49,10 +49,7 @@ Way = tuple[tuple[str, ...], Compromise]
 
 @dataclass(frozen=True)
 class Explanation:
-    """The posture (n,) that comes nearest, why it does not do, and what would help, cheapest first.
-
-    Without reasons it does after all.
-    """
+    """The posture (n,) that comes nearest, why it does not do (no reasons: it does), and what helps, cheapest first."""
 
     q: Array
     reasons: tuple[Reason, ...] = ()
@@ -66,19 +63,12 @@ class Explanation:
 
 
 def met_after_all(engine: Engine, found: MultistartResult) -> CandidatePosture | None:
-    """A posture that meets every requirement where no random start led to one; None where there is none.
-
-    Interior-point steps with requirements that may give end at one where nothing has to.
-    """
+    """A posture that meets every requirement where no random start led to one, by the elastic program; else None."""
     return Infeasibility(engine, found, None, {}, lambda changes, near: False).met()
 
 
 def not_met_together(engine: Engine, found: MultistartResult, nearest: CandidatePosture) -> Explanation:
-    """What to say where neither the search nor the inquiry found a posture, nor which requirement is in the way.
-
-    Args:
-        nearest: where the last local search ended.
-    """
+    """What to say where neither search nor inquiry found a posture, nor the requirement in the way."""
     elastic, target = engine.elastic, found.target
     lacking = elastic.lacking(nearest.q[None], target.parameters)[0]
     way = Compromise(nearest.q, lacking, float(elastic.cost(lacking)), {})
@@ -94,11 +84,6 @@ def not_met_together(engine: Engine, found: MultistartResult, nearest: Candidate
 def infeasible(
     problem: ProblemData, engine: Engine, found: MultistartResult, why: Explanation, seconds: float
 ) -> Solution:
-    """The infeasible solution: nearest posture, the reasons, and what would help.
-
-    Args:
-        seconds: since the search began.
-    """
     counts = (found.arrived, found.tried, found.polished, 0, 0, 0)
     statistics = SearchStatistics(*counts, found.sampled, None, float("nan"), found.batches, 0, seconds)
     asked, target = engine.optimisation_problem, found.target
@@ -119,37 +104,24 @@ def infeasible(
 
 @dataclass(frozen=True)
 class Infeasibility:
-    """The inquiry into one search that found nothing: which requirement gives, and by how little.
+    """The inquiry into a search that found nothing: each requirement gives alone, some together, then all."""
 
-    Each requirement is asked to give alone; where none suffices, terms and obstacles together, and then all.
-
-    Args:
-        engine: of the task without its held joints, with rows that keep the arm clear.
-        found: the search, which ended without a feasible posture.
-        asked: the problem with the target of the search; None where nothing is offered.
-        held: the joints that its task holds.
-        does: whether the problem with some changes is solved; each is tried before it is offered.
-    """
-
-    engine: Engine
+    engine: Engine  # of the task without its held joints, with rows that keep the arm clear
     found: MultistartResult
-    asked: ProblemData | None
-    held: Mapping[int, float]
-    does: Does
+    asked: ProblemData | None  # the problem with the target of the search; None where nothing is offered
+    held: Mapping[int, float]  # joint index -> value [rad or m] that the task holds
+    does: Does  # tries each change before it is offered
 
     @property
     def problem(self) -> OptimisationProblem:
-        """What was asked, with its rows."""
         return self.engine.optimisation_problem
 
     @property
     def target(self) -> TaskTarget:
-        """Where the tool point was to go."""
         return self.found.target
 
     @cached_property
     def elastic(self) -> ElasticProblem:
-        """The program in which requirements may give."""
         return ElasticProblem(self.problem, self.held) if self.held else self.engine.elastic
 
     def explanation(self) -> Explanation:
@@ -176,10 +148,7 @@ class Infeasibility:
         return end if end.feasible else None
 
     def _clear(self, way: Compromise) -> CandidatePosture | None:
-        """The posture of a compromise that is clear by exact distances, of which the rows are lower bounds; else None.
-
-        It is no optimum: of the postures that lack something of these bounds it is the one that lacks least.
-        """
+        """The posture of a compromise where exact distances clear it (the rows are lower bounds); no optimum."""
         scene, in_cell = self.problem.scene, self.elastic.in_cell
         beside = [
             amount for name, amount in zip(self.elastic.requirements, way.lacking, strict=True) if name not in in_cell
@@ -189,7 +158,6 @@ class Infeasibility:
         return replace(self.engine.candidates(way.q[None], self.target)[0], violation=0.0)
 
     def _explained(self, ways: Sequence[Way]) -> Explanation:
-        """The reasons of the most particular way, and what helps of all of them, cheapest first."""
         beside = {CLEARANCE, *self.elastic.cell.movable}  # of rows that are named where they suffice alone
         names, nearest = max(ways, key=lambda way: (specific(way[0]), not {*way[0]} & beside, -way[1].cost))
         reasons = self.reasons(names, nearest)
@@ -227,14 +195,12 @@ class Infeasibility:
         return None if changes is None else Relaxation(words_of(changes), reasons, posture, way.cost, changes)
 
     def _reasons_of(self, names: Sequence[str], way: Compromise, ways: Sequence[Way]) -> tuple[Reason, ...]:
-        """The reasons of a way; of an obstacle that moves those of its row."""
         movable, rows = self.elastic.cell.movable, {k: name for name, k in self.elastic.cell.obstacles.items()}
         of_row = {(rows[movable[name]],) for name in names if name in movable}
         moved = next(((row, other) for row, other in ways if row in of_row), None)
         return self.reasons(names, way) if moved is None else self.reasons(*moved)
 
     def _onto_plane(self, q: Array, outside: Reason) -> Explanation:
-        """A target outside of the plane of the arm: what brings it there."""
         assert self.asked is not None
         for decimals in PLANE_DECIMALS:
             changes = onto_plane(self.problem, self.target, q, decimals)
@@ -268,7 +234,6 @@ class Infeasibility:
         return []
 
     def _ways_of_cell(self, rows: Sequence[str], near: Sequence[Array]) -> dict[str, Compromise]:
-        """The rows of the cell that suffice when they give, the places of their obstacles, and the clearance."""
         whole = self._least(rows, near) if rows else None
         if whole is None:
             return {}
@@ -289,12 +254,10 @@ class Infeasibility:
         return found
 
     def _giving(self, way: Compromise) -> tuple[str, ...]:
-        """The requirements that give in a compromise; none where nothing is missing."""
         lacks = way.lacking > ROW_TOLERANCE
         return tuple(name for name, gives in zip(self.elastic.requirements, lacks, strict=True) if gives)
 
     def _may_give(self, name: str) -> bool:
-        """Whether a requirement can give at all: a target anywhere is always met, an axis that is free too."""
         if name == TARGET:
             return self.target.kind != "anywhere"
         return name != AXIS or self.problem.axis_rows > 0
@@ -318,7 +281,6 @@ class Infeasibility:
         return way if level is None or self._in_solid(level) else level
 
     def _in_solid(self, way: Compromise) -> bool:
-        """Whether the tool point comes into a solid or below the mounting plane, where the target is not."""
         scene = self.problem.scene
         if scene is None:
             return False
@@ -360,16 +322,11 @@ class Infeasibility:
 
     @cached_property
     def _free(self) -> InverseKinematics:
-        """The inverse kinematics of the arm without its limits."""
         task, reach = self.problem.task, self.problem.reach
         return InverseKinematics(unlimited(self.problem.arm), task.tool_axis, reach.directions, self.engine.compiled)
 
     @cached_property
     def _in_reach(self) -> bool:
-        """Whether the tool comes to the target with any axis, beyond limits and through obstacles; else it has to give.
-
-        A position alone is missed by none of so many postures that are led there, unless it is out of reach.
-        """
         if self.problem.reach.excludes(self.target.lower, self.target.upper):
             return False
         misses = self.elastic.lacking(self._led(self._free, False), self.target.parameters)[:, 0]
@@ -405,7 +362,6 @@ def first_that_does(
 
 
 def limited(does: Does) -> Does:
-    """The same question, answered `MAX_TRIALS` times; then with no."""
     left = iter(range(MAX_TRIALS))
 
     def asked(changes: Sequence[Change], near: Array) -> bool:
@@ -416,5 +372,4 @@ def limited(does: Does) -> Does:
 
 
 def words_of(changes: Sequence[Change]) -> str:
-    """What to change, in one sentence."""
     return " and ".join(dict.fromkeys(change.words for change in changes))

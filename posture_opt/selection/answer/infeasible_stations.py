@@ -46,12 +46,7 @@ class _SharedWay:
 
 
 def explain_stations(inquiry: Infeasibility, targets: Sequence[TaskTarget], names: Sequence[str]) -> Explanation:
-    """The reasons at the station that lacks most, with its name, and what makes all of them possible.
-
-    Args:
-        inquiry: into the failure at one of the stations, which decides what may give; ``does`` solves the whole task.
-        targets: of the stations that fail, in their order, with their ``names``.
-    """
+    """The reasons at the station that lacks most, and changes that do for all; ``targets`` are those that fail."""
     reach = inquiry.problem.reach
     outside = [
         (reason, name) for target, name in zip(targets, names, strict=True) if (reason := plane_reason(reach, target))
@@ -85,9 +80,7 @@ def _shared(
     targets: Sequence[TaskTarget],
     start: int,
 ) -> _SharedWay | None:
-    """The least that the same requirements must give at every station, from one of them outwards; None where one of
-    them cannot be done so.
-    """
+    """The least that these requirements must give at every station, from ``start`` outwards; None where one fails."""
     names, first = own
     found: dict[int, Compromise] = {}
     for order in (range(start, len(targets)), range(start - 1, -1, -1)):
@@ -104,7 +97,6 @@ def _shared(
 def _reasons(
     inquiry: Infeasibility, way: _SharedWay, targets: Sequence[TaskTarget], names: Sequence[str]
 ) -> tuple[Reason, ...]:
-    """What is missed at the station that lacks most."""
     worst = way.worst
     at = replace(inquiry, found=replace(inquiry.found, target=targets[worst]))
     found = at.reasons(way.names, way.ways[worst])
@@ -114,7 +106,6 @@ def _reasons(
 def _relaxation(
     inquiry: Infeasibility, way: _SharedWay, targets: Sequence[TaskTarget], names: Sequence[str]
 ) -> Relaxation | None:
-    """The loosest of the changes that the stations need, with the first digits that do."""
     written = (_changes(inquiry, way, targets, attempt) for attempt in ATTEMPTS if not attempt.digits)
     changes = first_that_does(written, lambda changes: inquiry.does(changes, way.ways[way.worst].q))
     if changes is None:
@@ -126,7 +117,6 @@ def _relaxation(
 def _changes(
     inquiry: Infeasibility, way: _SharedWay, targets: Sequence[TaskTarget], attempt: Attempt
 ) -> tuple[Change, ...]:
-    """What to change for all stations: at each key the loosest value that any of them needs."""
     assert inquiry.asked is not None
     assert inquiry.asked.task is not None
     task, loosest = inquiry.asked.task, dict[str, Change]()

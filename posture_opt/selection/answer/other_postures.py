@@ -35,13 +35,7 @@ _MEETING_SHARE = 5e-3  # of the length of the arm: axes that pass each other nea
 
 
 def configurations(robot: Robot, Q: Array) -> list[tuple[str, ...]]:
-    """Of each posture of Q (N, n) [rad or m] the names of its configuration; empty for arms whose configurations have
-    none.
-
-    Planar arms with two or three turning joints, SCARA among them, have an elbow; arms of six joints with parallel
-    second and third axes and a spherical wrist, or a fourth axis parallel to these, have shoulder, elbow and wrist;
-    those of seven whose axes are perpendicular in turn have the signs of these three.
-    """
+    """Names of the configuration of each posture of Q (N, n) [rad or m]; empty for arms that have none."""
     low, high = (np.clip(np.array(ends), -1.0, 1.0) for ends in (robot.lower, robot.upper))
     regular = low + (high - low) * np.linspace(0.31, 0.73, robot.n)  # off all singular postures
     every = _Axes.at(robot, np.vstack([regular, *Q]))
@@ -74,15 +68,12 @@ class _Axes:
         return cls(stacked(z), stacked(o), stacked(slides), stacked([reached.position])[0])
 
     def rows(self, chosen: slice) -> _Axes:
-        """The axes at some of the postures."""
         return _Axes(self.z[:, chosen], self.o[:, chosen], self.slides[:, chosen], self.tool[chosen])
 
     def parallel(self, i: int, j: int) -> bool:
-        """Whether two axes have one direction."""
         return bool(np.all(np.linalg.norm(np.cross(self.z[i], self.z[j]), axis=1) < _PARALLEL))
 
     def perpendicular(self, i: int, j: int) -> bool:
-        """Whether two axes have perpendicular directions."""
         return bool(np.all(np.abs(_dot(self.z[i], self.z[j])) < _PARALLEL))
 
     def meeting(self, i: int, j: int) -> Array:
@@ -115,11 +106,7 @@ def _either(holds: Mask, yes: str, no: str) -> list[str]:
 
 
 def _structure(at: _Axes, near: float) -> Callable[[_Axes], Names] | None:
-    """What names the configurations of an arm, found at one posture off all singular ones; None for other arms.
-
-    Args:
-        near: distance [m] within which axes meet.
-    """
+    """The names of an arm's configurations, from one regular posture; axes within ``near`` [m] meet."""
     turning, slides = len(at.z), len(at.slides)
     if turning in (2, 3) and all(at.parallel(0, k) for k in range(turning)):
         return _planar if np.all(np.linalg.norm(np.cross(at.slides, at.z[0]), axis=2) < _PARALLEL) else None
@@ -136,28 +123,23 @@ def _structure(at: _Axes, near: float) -> Callable[[_Axes], Names] | None:
 
 
 def _planar(at: _Axes) -> Names:
-    """The elbow left or right of the line from the first axis to the third, or to the tool; the first axis is up."""
     end = at.o[2] if len(at.z) == 3 else at.tool
     left = _dot(np.cross(end - at.o[0], at.o[1] - at.o[0]), at.z[0]) > _ROUNDING
     return (_either(left, "elbow left", "elbow right"),)
 
 
 def _spherical(at: _Axes) -> Names:
-    """Shoulder and elbow by the centre of the wrist."""
     return _shoulder_elbow_wrist(at, at.meeting(4, 5), at.meeting(4, 5))
 
 
 def _parallel_wrist(at: _Axes) -> Names:
-    """The elbow by the fourth axis, the shoulder by the point where the last two meet."""
     return _shoulder_elbow_wrist(at, at.meeting(4, 5), at.o[3])
 
 
 def _shoulder_elbow_wrist(at: _Axes, wrist: Array, forearm: Array) -> Names:
-    """The names by the ends (N, 3) of wrist and forearm [m].
+    """Signs by the ends (N, 3) of wrist and forearm [m]: the side of the second axis, the elbow above or below the line
+    from shoulder to forearm end (first axis up), and the fifth joint's sine.
 
-    Looking from the first axis to the wrist, the second axis points right or left; the elbow lies above or below the
-    line from the shoulder to the end of the forearm, the first axis being up; the fifth joint's sine is positive, or
-    the wrist is flipped.
     """
     across = np.cross(at.z[0], at.z[1])
     right = _dot(across, wrist - at.o[0]) > _ROUNDING
@@ -172,7 +154,6 @@ def _shoulder_elbow_wrist(at: _Axes, wrist: Array, forearm: Array) -> Names:
 
 
 def _seven(at: _Axes) -> Names:
-    """The signs of the sines of the second, fourth and sixth joint: the rest is the redundancy of the arm."""
     named = zip(("shoulder", "elbow", "wrist"), (0, 2, 4), strict=True)
     return tuple(
         _either(at.triple(k, k + 1, k + 2) > _ROUNDING, f"{name} not flipped", f"{name} flipped") for name, k in named
@@ -181,22 +162,16 @@ def _seven(at: _Axes) -> Names:
 
 @dataclass(frozen=True)
 class EndMoments:
-    """At N postures: covariance (N, 3, 3) [m²] and mean shift (N, 3) [m] of the end that counts, σ_max (N,) [m].
+    """At N postures the tool point, and the moments of the end that counts."""
 
-    ``position`` (N, 3) is the nominal tool point, world [m].
-    """
-
-    position: Array
-    covariance: Array
-    bias: Array
-    sigma: Array
+    position: Array  # (N, 3) nominal tool point, world [m]
+    covariance: Array  # (N, 3, 3) [m²]
+    bias: Array  # (N, 3) mean shift [m]
+    sigma: Array  # (N,) σ_max [m]
 
 
 def end_moments(problem: OptimisationProblem, Q: Array, basis: Array, lever: Array) -> EndMoments:
-    """Moments of postures Q (N, n) [rad or m] in the ``basis`` (3, m) of what counts, at targets of one ``lever``.
-
-    Of a peg both ends are evaluated, and each posture keeps the end with the larger σ_max.
-    """
+    """Moments at postures Q (N, n) [rad or m] in the ``basis`` (3, m); of a peg those of the worse end."""
     tip, part = problem.tool_point.seen_from(lever.tolist()), problem.task.part
     columns = [np.ascontiguousarray(column) for column in Q.T]
     ends = []
@@ -241,18 +216,13 @@ class ManipulablePosture:
     sigma_max: float
 
     def to_json(self) -> dict[str, Json]:
-        """Plain numbers, SI."""
         return {"posture": self.posture, "manipulability": self.manipulability, "sigma_max": self.sigma_max}
 
 
 def most_manipulable(
     problem: OptimisationProblem, target: TaskTarget, solver: Solver, Q: Array
 ) -> ManipulablePosture | None:
-    """The best that the solver finds from the feasible postures (N, n) of a search.
-
-    The rows of the task hold; the spread plays no part. None where no posture is feasible, and of an arm whose tool
-    point no joint moves.
-    """
+    """The best from feasible postures Q (N, n): rows hold, the spread plays no part; None without any."""
     if not len(Q) or not problem.quantities.jacobian.shape[0]:
         return None
     nlp, term = problem.nlp, Manipulability(kind="manipulability")

@@ -21,14 +21,10 @@ _SETTING_STEPS = np.array([1e-4, 1e-4, 1e-4, math.radians(0.01)])
 
 @dataclass(frozen=True)
 class PlacementRange:
-    """A box of placements w = (x, y, z, yaw), ``Trans(x, y, z) Rz(yaw)`` in the world.
+    """A box of placements w = (x, y, z, yaw) [m, rad], ``Trans(x, y, z) Rz(yaw)`` in the world."""
 
-    Args:
-        lower, upper: (4,) [m, m, m, rad]; equal where a coordinate is fixed.
-    """
-
-    lower: Array
-    upper: Array
+    lower: Array  # (4,)
+    upper: Array  # (4,), equal where a coordinate is fixed
 
     @classmethod
     def of(cls, workpiece: Workpiece | None) -> PlacementRange:
@@ -60,10 +56,7 @@ class PlacementRange:
         return PlacementRange(self.lower - more, self.upper + more)
 
     def drawn(self, count: int, rng: np.random.Generator) -> Array:
-        """(count, 4) placements that fill the box evenly: multiples of irrational steps from a random start.
-
-        Source: R. D. Richtmyer, Los Alamos report LA-1342 (1951).
-        """
+        """(count, 4) multiples of irrational steps (R. D. Richtmyer, Los Alamos report LA-1342, 1951)."""
         steps = np.outer(np.arange(1, count + 1), _IRRATIONAL_STEPS)
         return self.lower + ((steps + rng.random(4)) % 1.0) * (self.upper - self.lower)
 
@@ -82,11 +75,7 @@ class PlacementRange:
 
 
 def placement_text(w: Array, placement: PlacementRange) -> str:
-    """A placement in a line, with the coordinates that are fixed or at an end of their range.
-
-    Args:
-        w: (4,) x, y, z [m] and yaw [rad].
-    """
+    """A placement w (4,) [m, rad] in a line, with the coordinates that are fixed or at an end."""
     texts = []
     for k, name in enumerate(COORDINATES):
         text = f"{name} {Quantity(float(w[k]), 'coordinate' if k < 3 else 'joint angle')}"
@@ -105,17 +94,9 @@ def placement_json(w: Array) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class PlacementFigure:
-    """What one placement costs.
-
-    Args:
-        w: (4,) x, y, z [m] and yaw [rad] of the workpiece, world.
-        sigma: [m] of the worst station there, or the mean of all; infinite where one cannot be done.
-        success: probability that all stations succeed, where that is what counts.
-    """
-
-    w: Array
-    sigma: float
-    success: float | None = None
+    w: Array  # (4,) of the workpiece [m, rad], world
+    sigma: float  # [m] of the worst station, or the mean; infinite where one cannot be done
+    success: float | None = None  # probability that all stations succeed, where that counts
 
     def to_json(self) -> dict[str, Any]:
         """Plain numbers, SI; no spread where a station cannot be done."""
@@ -125,42 +106,24 @@ class PlacementFigure:
 
 @dataclass(frozen=True)
 class PlacementStatistics:
-    """How the placement was searched for.
-
-    Args:
-        placements: that were looked at; ``feasible`` of them have a posture for every station.
-        starts: random postures that were led to stations.
-        solves: of the program of all stations.
-        batches: independent ones; ``recurred`` of them found the best optimum.
-        seconds: wall time.
-    """
-
-    placements: int
-    feasible: int
-    starts: int
-    solves: int
+    placements: int  # looked at
+    feasible: int  # with a posture for every station
+    starts: int  # random postures led to stations
+    solves: int  # of the program of all stations
     batches: int
-    recurred: int
+    recurred: int  # batches that found the best optimum
     seconds: float
 
 
 @dataclass(frozen=True)
 class Placement(PlacementRange):
-    """The placement that the stations of an answer share, in the range where the workpiece may stand.
+    """The placement that the stations of an answer share, in the range where the workpiece may stand."""
 
-    Args:
-        w: (4,) x, y, z [m] and yaw [rad] of the workpiece, world.
-        statistics: of the search for it; None where it was searched for with its path.
-        at_centre, typical: the middle of the range, and the median of random placements at which every station can be
-            done; None where the placement is fixed or there is none.
-        others: further optima, best first.
-    """
-
-    w: Array
-    statistics: PlacementStatistics | None = None
-    at_centre: PlacementFigure | None = None
-    typical: PlacementFigure | None = None
-    others: tuple[PlacementFigure, ...] = ()
+    w: Array  # (4,) x, y, z [m] and yaw [rad] of the workpiece, world
+    statistics: PlacementStatistics | None = None  # None where it was searched for with its path
+    at_centre: PlacementFigure | None = None  # None where the placement is fixed, or not feasible
+    typical: PlacementFigure | None = None  # median of random feasible placements
+    others: tuple[PlacementFigure, ...] = ()  # further optima, best first
 
     @property
     def workpiece(self) -> dict[str, float]:
@@ -195,14 +158,11 @@ _LEAST_VARIANCE = 1e-12  # under the root of a scaled variance, about 1
 
 
 def combined_symbols(combine: Combine, main: ca.MX, extra: ca.MX) -> ca.MX:
-    """The objective of K stations as a symbol.
+    """The objective of K stations, from terms f = ``main`` and e = ``extra`` (K, 1).
 
-    ``worst``: ``max(f_k + e_k)``; ``mean``: ``Σ sqrt(f_k)/K + Σ e_k/K``; ``success``: ``log(−Σ log(1 − exp f_k)) +
-    Σ e_k/K``, as the logarithm of the probability of missing any.
+    ``worst``: ``max(f_k + e_k)``; ``mean``: ``Σ sqrt(f_k)/K + Σ e_k/K``; ``success``, f logarithms of the probability
+    to miss: ``log(−Σ log(1 − exp f_k)) + Σ e_k/K``.
 
-    Args:
-        main: (K, 1) first terms f, scaled variances; of the criterion ``miss`` the logarithms of the probabilities.
-        extra: (K, 1) sums of the further terms e.
     """
     if combine == "worst":
         return ca.mmax(main + extra)
@@ -214,12 +174,7 @@ def combined_symbols(combine: Combine, main: ca.MX, extra: ca.MX) -> ca.MX:
 
 
 def combined_success(success: ca.MX, extra: ca.MX) -> ca.MX:
-    """``log(−log P) + Σ e_k/K`` of K stations that share errors, P the mean over N draws of the product of ``success``.
-
-    Args:
-        success: (K, N) probabilities given the draws.
-        extra: (K, 1) sums of the further terms e.
-    """
+    """``log(−log P) + Σ e_k/K``, P the mean over N draws of shared errors of the product of ``success`` (K, N)."""
     count, draws = success.shape
     product = success[0, :]
     for k in range(1, count):

@@ -38,26 +38,16 @@ _SLOPE_STEP = 1e-6  # of a bound, to see how what users state changes with it
 
 @dataclass(frozen=True)
 class Price:
-    """What one unit of a requirement is worth.
+    """What one unit of a requirement is worth."""
 
-    Args:
-        requirement: ``tilt``, ``region.x``, ``JOINT.limits``, the name of a term or of what is to be kept clear of.
-        value: [m] of σ for each ``unit`` by which it is loosened; negative where that makes σ larger, as it may where
-            something else is minimised.
-        unit: of the requirement, SI: ``rad``, ``m``, or that of a term.
-        side: the end that holds, ``upper`` or ``lower``, of what is stated.
-        step: by what people would loosen it [unit]; ``gain`` is what σ falls by then [m], by a new solve, or NaN.
-    """
-
-    requirement: str
-    value: float
-    unit: str
-    side: str
-    step: float
-    gain: float
+    requirement: str  # tilt, region.x, JOINT.limits, a term, or what is to be kept clear of
+    value: float  # [m] of σ for each unit by which it is loosened
+    unit: str  # of the requirement, SI
+    side: str  # the end that holds, upper or lower
+    step: float  # by what people would loosen it [unit]
+    gain: float  # [m] of σ by that step, solved again; NaN without a solution
 
     def to_json(self) -> dict[str, Json]:
-        """Plain numbers, SI."""
         after = {"loosened_by": self.step, "gain": finite_or_none(self.gain)}
         stated = ("requirement", "value", "unit", "side")
         return {**{name: getattr(self, name) for name in stated}, "solved_again": after}
@@ -65,20 +55,14 @@ class Price:
 
 @dataclass(frozen=True)
 class HeldEnd:
-    """One end of a row or variable that holds an answer.
+    """One end of a row or variable that holds an answer."""
 
-    Args:
-        index: of the row, or of the variable where ``row`` is false.
-        shift: change of that end for one unit by which the requirement is loosened; ``bend`` for its square.
-        multiplier: of the scaled objective.
-    """
-
-    row: bool
+    row: bool  # a row, else a variable
     index: int
     upper: bool
-    shift: float
-    multiplier: float
-    bend: float = 0.0
+    shift: float  # of the end for one unit of the requirement
+    multiplier: float  # of the scaled objective
+    bend: float = 0.0  # of the end for the square of a unit
 
 
 @dataclass(frozen=True)
@@ -93,7 +77,6 @@ class Held:
 
     @property
     def worth(self) -> float:
-        """Decrease of the scaled objective for each unit."""
         return sum(end.multiplier * end.shift for end in self.ends)
 
     def loosened(self, ends: Ends, amount: float) -> Ends:
@@ -117,15 +100,12 @@ def prices_of(engine: Engine, target: TaskTarget, said: Confirmation | None) -> 
 
 @dataclass(frozen=True)
 class _Priced:
-    """The prices of one confirmed posture."""
-
     engine: Engine
     target: TaskTarget
     said: Confirmation
 
     @property
     def prices(self) -> tuple[Price, ...]:
-        """Those that a new solve confirms."""
         held = held_by(self.engine.optimisation_problem, self.target, self.said) if self._sigma > 0 else []
         found = [(one, value) for one in held if (value := self._value(one)) is not None]
         return tuple(
@@ -173,10 +153,7 @@ def held_by(problem: OptimisationProblem, target: TaskTarget, said: Confirmation
 
 
 def _axis(problem: OptimisationProblem, said: Confirmation) -> Iterator[Held]:
-    """The tilt of a tool axis that is held without any: towards where that gains most, ``|λ|`` a rad.
-
-    The rows are the sines of the angles about two axes.
-    """
+    """The tilt of a tool axis held without any, towards where it gains most, ``|λ|`` a rad; rows are sines."""
     rows = [k for k, row in enumerate(problem.nlp.rows) if row.requirement == AXIS and row.equality]
     size = float(np.linalg.norm(said.row_multipliers[rows]))
     if size > _LEAST_MULTIPLIER:
@@ -186,7 +163,6 @@ def _axis(problem: OptimisationProblem, said: Confirmation) -> Iterator[Held]:
 
 
 def _rows(problem: OptimisationProblem, target: TaskTarget, said: Confirmation) -> Iterator[Held]:
-    """Inequalities with a multiplier."""
     low, high = problem.nlp.row_bounds(target.parameters)
     for k, row in enumerate(problem.nlp.rows):
         multiplier = float(said.row_multipliers[k])
@@ -219,7 +195,6 @@ def _row(row: Row, end: HeldEnd, bound: float, target: TaskTarget) -> Held | Non
 
 
 def _step(row: Row, bound: float) -> float:
-    """What people would loosen a bound by: a degree, a millimetre, or a tenth of it, rounded down to a power of ten."""
     size = 1 - bound if row.unit == "probability" else abs(bound)
     usual = _STEPS.get(row.unit, math.inf)
     if row.unit in _STEPS and (size >= usual or not size):
@@ -228,7 +203,6 @@ def _step(row: Row, bound: float) -> float:
 
 
 def _limits(problem: OptimisationProblem, said: Confirmation) -> Iterator[Held]:
-    """Limits of joints with a multiplier; a joint that is held has none."""
     for k, variable in enumerate(problem.nlp.variables):
         multiplier = float(said.bound_multipliers[k])
         if variable.lower < variable.upper and abs(multiplier) > _LEAST_MULTIPLIER:
@@ -238,5 +212,4 @@ def _limits(problem: OptimisationProblem, said: Confirmation) -> Iterator[Held]:
 
 
 def _side(upper: bool) -> str:
-    """Which end holds, as a word."""
     return "upper" if upper else "lower"

@@ -217,10 +217,6 @@ class PostureSelector:
         return self._solved(seek, aim, began, confirm=True)
 
     def _solved(self, seek: Seek, target: TaskTarget, began: float, confirm: bool) -> Solution:
-        """The solution of a search, or of one in the problem's fallbacks.
-
-        What is found without a mounting plane is lifted above it first: a search may have missed the postures that are.
-        """
         outcome = self._searched(seek, target, exact=not confirm)
         wider = None if outcome.feasible else self._wider
         if wider is None:
@@ -252,11 +248,6 @@ class PostureSelector:
         return PostureSelector(problem, compiled=self._compiled, keeps_mounting=kept, explains=self._explains)
 
     def _searched(self, seek: Seek, target: TaskTarget, exact: bool = False) -> SearchOutcome:
-        """The search without rows against collisions, and again with them where the answer collides.
-
-        Args:
-            exact: whether exact distances in C take the place of the rows, where there is a compiler.
-        """
         free, scene = self.engine(target, guarded=False), self._problem.scene
         if not (exact and self._has_exact(free)):
             return searched(seek, free, lambda: self.engine(target, guarded=True), scene)
@@ -275,11 +266,9 @@ class PostureSelector:
 
     @cached_property
     def _slack(self) -> ContactSlack:
-        """How near postures come to anything, in C."""
         return ContactSlack(self._problem.scene.contacts, self._compiled)
 
     def _exact_engine(self, target: TaskTarget) -> Engine:
-        """The functions that keep the arm clear by exact distances; built on first use."""
         free = self.engine(target, guarded=False)
         problem = free.optimisation_problem
         key = problem.kind, problem.alignment, problem.in_plane
@@ -304,13 +293,6 @@ class PostureSelector:
         return target
 
     def _answer(self, outcome: SearchOutcome, began: float, confirm: bool) -> Solution:
-        """The solution of a search, or the error with the reasons.
-
-        Alternatives are among the distinct optima that the search ended at.
-
-        Args:
-            confirm: whether the solver of the problem is started at the best of them.
-        """
         found, by_starts, by_sweep = outcome.found, outcome.by_starts, outcome.by_sweep
         problem = outcome.engine.optimisation_problem
         feasible = outcome.feasible or self._rescued(found, began)
@@ -340,7 +322,6 @@ class PostureSelector:
         )  # fmt: skip
 
     def _rescued(self, found: MultistartResult, began: float) -> list[CandidatePosture]:
-        """What the inquiry into the failure found to be feasible after all; else the error with the reasons."""
         if not self._explains:
             raise NoSolutionError("no posture was found that does the task")
         engine = self.engine(found.target, guarded=True)  # what is offered keeps the arm clear of collisions too
@@ -360,7 +341,6 @@ class PostureSelector:
         raise NoSolutionError(why.text, solution)
 
     def _explained(self, found: MultistartResult) -> Explanation:
-        """What keeps a search from finding anything, and which changes help."""
         target = found.target
         asked = replace(self._problem, task=target.in_task(self.task))
 
@@ -412,7 +392,6 @@ class PostureSelector:
         return max(engine.candidates(Q, target)[0].violation, -float(self._problem.scene.slack(Q)[0]))
 
     def _beside(self, q: Array, target: TaskTarget) -> tuple[Statement, ...]:
-        """How far the tool point of an arm that moves in a plane stays off a target that does not lie in it."""
         if not self.reach.normals.shape[1]:
             return ()
         point = np.array(self.tool_point.walk(q.tolist())[0].position, dtype=float)
@@ -435,7 +414,6 @@ class PostureSelector:
 
 
 def task_of(problem: ProblemData) -> Task:
-    """The task, or an InputError where there is none."""
     if problem.task is None:
         raise InputError(
             Issue("the problem states no task", ("task",), hint="add task: {kind: insert}, or name one: --task insert")
@@ -461,10 +439,7 @@ def one_target(task: Task) -> Task:
 
 
 def sources_of(problem: ProblemData) -> Sources:
-    """The sources of error that the task sees, or an InputError where none of the arm could make a difference.
-
-    Errors of the workpiece alone are the same in every posture.
-    """
+    """The sources that the task sees; an InputError without one of the arm: the workpiece's are alike everywhere."""
     # Stricter than for one posture: a spread of zero is an answer there, but no reason for any choice.
     if problem.sources.empty or not np.any(np.diag(problem.sources.covariance) > 0):
         hint = "add uncertainty: {sigma: {JOINT.theta: 0.02 deg}} or uncertainty: {repeatability: 0.05 mm}"

@@ -17,14 +17,14 @@ from posture_opt.collision.nearest import Clearance
 from posture_opt.numerics import Array, Json, Mask, finite_or_none
 from posture_opt.result import Result
 from posture_opt.robot.posture import Posture
+from posture_opt.selection.answer.improvements import MIN_GAIN, Improvement, improvements
+from posture_opt.selection.answer.lower_bound import LowerBound, lower_bound
 from posture_opt.selection.answer.other_postures import (
     ManipulablePosture,
     configurations,
     end_moments,
     most_manipulable,
 )
-from posture_opt.selection.answer.improvements import MIN_GAIN, Improvement, improvements
-from posture_opt.selection.answer.lower_bound import LowerBound, lower_bound
 from posture_opt.selection.answer.placement import Placement, combined_sigma
 from posture_opt.selection.answer.prices import Price, prices_of
 from posture_opt.selection.answer.solution_statements import solution_statements
@@ -55,22 +55,14 @@ Status = Literal["optimal", "feasible", "infeasible"]
 
 @dataclass(frozen=True)
 class Alternative:
-    """A distinct posture that does the task too.
-
-    Args:
-        posture: joint name -> rad or m.
-        position: (3,) its tool point, world [m].
-        sigma_max: of the part that counts [m].
-        configuration: names of shoulder, elbow and wrist; empty for arms that have none.
-    """
+    """A distinct posture that does the task too."""
 
     posture: Posture
-    position: Array
-    sigma_max: float
-    configuration: tuple[str, ...] = ()
+    position: Array  # (3,) tool point, world [m]
+    sigma_max: float  # [m]
+    configuration: tuple[str, ...] = ()  # shoulder, elbow, wrist; empty for arms without
 
     def to_json(self) -> dict[str, Json]:
-        """Plain numbers, SI."""
         named: dict[str, Json] = {"configuration": ", ".join(self.configuration)} if self.configuration else {}
         return {"posture": self.posture, "position": self.position.tolist(), "sigma_max": self.sigma_max, **named}
 
@@ -317,7 +309,6 @@ class Solution(Result):
         return self._seen(self.spread)
 
     def _seen(self, spread: Spread) -> TaskSpread:
-        """A spread in the posture of the answer as the task sees it."""
         task, target = self.optimisation_problem.task, self.target
         critical = Critical.of(task.within, self.basis, spread.covariance, spread.bias)
         axes, along = np.vstack([target.basis.T, target.direction]), sigma_along(target.direction, spread.covariance)
@@ -383,7 +374,6 @@ class Solution(Result):
 
     @property
     def _placement_is_free(self) -> bool:
-        """Whether the workpiece could stand elsewhere."""
         return self.placement is not None and bool(self.placement.free.any())
 
     @property
@@ -418,7 +408,6 @@ class Solution(Result):
         return solution_statements(self)
 
     def _compared(self) -> tuple[Solution, ...]:
-        """The stations that changes are compared at: all, or of a long path some, evenly, and the worst one."""
         count = len(self.points)
         if count <= _MAX_COMPARED_STATIONS:
             return self.points or (self,)
@@ -471,7 +460,6 @@ class Solution(Result):
         return self.problem.scene.mounting_note(self.postures)
 
     def _mounting_json(self) -> dict[str, Any]:
-        """What the arm stands on, and the links that nothing is known of."""
         scene = self.problem.scene
         mounting = None if scene.mounting is None else scene.mounting.to_json()
         return {"mounting": mounting, "unchecked": list(scene.unchecked)}
@@ -485,7 +473,6 @@ class Solution(Result):
         return {**{key: sigma.get(name, 0.0) for key, name in stated.items()}, "origin": origin.tolist()}
 
     def _features_json(self) -> dict[str, Any]:
-        """What holds for all features: each of them, the worst, all together, the order of visits, other placements."""
         success = self.success if self.status != "infeasible" else None
         return {
             "combine": self.combine,
@@ -546,7 +533,6 @@ class Solution(Result):
         }
 
     def _lower_bound_json(self) -> dict[str, Json] | None:
-        """The bound with the source that sets it; null where there is none."""
         if self.lower_bound is None:
             return None
         return {"sigma_max": self.lower_bound.sigma, "source": self.lower_bound.source, "share": self.lower_bound.share}

@@ -39,7 +39,6 @@ _PROBABILITY_TOLERANCE = 1e-4  # of a probability: what a report tells apart
 
 
 def solution_statements(found: Solution) -> tuple[Statement, ...]:
-    """All of them, the answer first."""
     if found.status == "infeasible":
         return (*_failure(found), *_noted(found))
     return (
@@ -75,13 +74,11 @@ def part_of(found: Solution) -> str:
 
 
 def _noted(found: Solution) -> tuple[Statement, ...]:
-    """The notes that are statements, each once, and frames that are free."""
     noted = {note.text: note for note in found.notes if isinstance(note, Statement)}
     return (*noted.values(), *free_frames(found.problem.robot))
 
 
 def _posture(found: Solution) -> tuple[Statement, ...]:
-    """The standard deviation, the posture and its free joints, success, and where the workpiece goes."""
     return (
         state("selection.best-posture", sigma=Quantity(found.sigma_max), part=part_of(found)),
         state("selection.posture", posture=readable_posture(found.problem, found.q)),
@@ -98,7 +95,6 @@ def free_joints(asked: OptimisationProblem) -> list[Statement]:
 
 
 def _features(found: Solution) -> tuple[Statement, ...]:
-    """The worst feature, the placement, what it gains, and the success of all."""
     assert found.placement is not None
     free, typical = bool(found.placement.free.any()), found.typical
     name = "place-workpiece" if free else "workpiece-fixed"
@@ -118,7 +114,6 @@ def _features(found: Solution) -> tuple[Statement, ...]:
 
 
 def _motion(found: Solution) -> tuple[Statement, ...]:
-    """The worst point, the steps, where the motion leaves the path, how it ends, its speed."""
     where = found.path.numbers[found.worst_index]
     return (
         state("selection.best-motion", where, sigma=Quantity(found.sigma_max), part=ACROSS_PATH),
@@ -129,7 +124,6 @@ def _motion(found: Solution) -> tuple[Statement, ...]:
 
 
 def _steps(found: Solution) -> tuple[str, ...]:
-    """The largest change of joints between listed points, of those that turn and those that slide."""
     moved = np.max(np.abs(np.diff(found.motion.Q[found.path.listed], axis=0)), axis=0)
     largest: dict[str, float] = {}
     for joint, step in zip(found.problem.robot.joints, moved.tolist(), strict=True):
@@ -146,7 +140,6 @@ def _break(one: Any) -> Statement:
 
 
 def _closed(found: Solution) -> list[Statement]:
-    """How a closed path ends."""
     if not found.task.closed:
         return []
     turned = [state("selection.path-turned", name, turns=turns) for name, turns in found.law.whole_turns.items()]
@@ -154,7 +147,6 @@ def _closed(found: Solution) -> list[Statement]:
 
 
 def _speed(found: Solution) -> list[Statement]:
-    """The speed along the path, how long it takes, and which joint bounds it."""
     law = found.law
     if law.speed is None:
         return []
@@ -168,7 +160,6 @@ def _speed(found: Solution) -> list[Statement]:
 
 
 def _workpiece(found: Solution) -> list[Statement]:
-    """That the arm meets the workpiece where it was put, or comes nearer than it may."""
     problem = found.problem
     if problem.part is None or found.clearance is None or found.clearance.cell is None:
         return []
@@ -181,7 +172,6 @@ def _workpiece(found: Solution) -> list[Statement]:
 
 
 def _help(found: Solution) -> tuple[Statement, ...]:
-    """What helps most where the choice gains little, and what the table of changes takes for granted."""
     gain, helpful, problem = found.gain_over(found.statistics.typical), found.helpful, found.problem
     little = not found.points and math.isfinite(gain) and gain < SMALL_GAIN
     said = []
@@ -200,7 +190,6 @@ def _help(found: Solution) -> tuple[Statement, ...]:
 
 
 def _improvement(found: Solution, change: Improvement) -> Statement:
-    """A change with its size and what it leaves."""
     left = {"sigma": Quantity(change.sigma_max), "gain": Quantity(change.gain, "share")}
     if isinstance(change, HalvedSigma):
         size = source_size(change.parameter, change.sigma / 2, found.problem.arm)
@@ -213,7 +202,6 @@ def _improvement(found: Solution, change: Improvement) -> Statement:
 
 
 def _on_table(found: Solution) -> tuple[Statement, ...]:
-    """What tables of one posture, of placements or of a motion do not say themselves."""
     if found.along_path:
         return _spacing(found)
     if not found.of_features:
@@ -235,7 +223,6 @@ def _base_from_workpiece(w: list[float]) -> tuple[tuple[float, float, float], fl
 
 
 def _spacing(found: Solution) -> tuple[Statement, ...]:
-    """What keeps the tool on the line as well as its scatter does; the way off it goes with the distance squared."""
     ratio = found.off_line / found.sigma_max if found.sigma_max > 0 else 0.0
     if ratio <= 1 or found.breaks:
         return ()
@@ -244,7 +231,6 @@ def _spacing(found: Solution) -> tuple[Statement, ...]:
 
 
 def _ranking(found: Solution) -> list[Statement]:
-    """By what postures are ranked where that is not the largest standard deviation; what raises the success."""
     task, part = found.optimisation_problem.task, part_of(found)
     if task.criterion == "worst" and not task.minimize:
         p_success = found.success_probability
@@ -256,7 +242,6 @@ def _ranking(found: Solution) -> list[Statement]:
 
 
 def _alternatives(found: Solution) -> list[Statement]:
-    """That there are no other optima, or how many are not listed as they differ by spin or redundancy alone."""
     more = len(found.optima) - len(found.alternatives)
     if more:
         return [state("selection.same-configuration", more=more)]
@@ -264,7 +249,6 @@ def _alternatives(found: Solution) -> list[Statement]:
 
 
 def _orientation(found: Solution) -> list[Statement]:
-    """How far first order, which a term on the orientation takes, is off."""
     task = found.optimisation_problem.task
     if not any(term.uses_orientation for term in (*task.minimize, *task.subject_to)):
         return []
@@ -272,7 +256,6 @@ def _orientation(found: Solution) -> list[Statement]:
 
 
 def _failure(found: Solution) -> tuple[Statement, ...]:
-    """Why there is no answer, and the cheapest change that makes one."""
     first, *further = [reason.message for reason in found.reasons] or ["no posture fits"]
     name = "no-motion" if found.along_path else "no-placement" if found.of_features else "no-posture"
     said = [state(f"selection.{name}", found.reasons[0].requirement if found.reasons else "", reason=first)]
@@ -286,7 +269,6 @@ def _failure(found: Solution) -> tuple[Statement, ...]:
 
 
 def _capital(text: str) -> str:
-    """A text that begins a sentence."""
     return text[:1].upper() + text[1:]
 
 

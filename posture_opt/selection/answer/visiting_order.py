@@ -17,19 +17,12 @@ _TRAVEL_TOLERANCE = 1e-3  # of the travel: less is not worth another order
 
 @dataclass(frozen=True)
 class VisitingOrder:
-    """An open tour over postures.
-
-    Args:
-        order: indices of the postures in the order of visits.
-        travel: sum over the moves of the largest change of a joint [rad; m for an arm that only slides].
-        as_listed: the same in the order that they are listed in.
-        exact: whether no order is better.
-    """
+    """An open tour over postures; travel is the sum of the largest joint changes [rad; m for slides alone]."""
 
     order: tuple[int, ...]
     travel: float
-    as_listed: float
-    exact: bool
+    as_listed: float  # travel in the order of the list
+    exact: bool  # no order is better
 
 
 def moves(robot: Robot, Q: Array) -> Array:
@@ -66,10 +59,7 @@ def nearest_turns(robot: Robot, Q: Array, order: Sequence[int]) -> Array:
 
 
 def nearest_ties(robot: Robot, options: Sequence[Array]) -> list[int]:
-    """Of each posture's equally good ones (A_k, n) the one with which the tour is short; the first ones in a tie.
-
-    Each of them is the anchor once that the others' nearest ones are chosen by; whole turns count as none.
-    """
+    """Of each posture's equals (A_k, n) the one with which the tour is short; whole turns count as none."""
     firsts = [0] * len(options)
     best, shortest = firsts, _short_tour(robot, options, firsts)
     for anchors in options:
@@ -82,7 +72,6 @@ def nearest_ties(robot: Robot, options: Sequence[Array]) -> list[int]:
 
 
 def _short_tour(robot: Robot, options: Sequence[Array], chosen: Sequence[int]) -> float:
-    """Length of a short tour through one posture of each set: nearest neighbours from every first one."""
     Q = np.array([each[k] for each, k in zip(options, chosen, strict=True)])
     D = np.array([_apart(robot, Q, q) for q in Q])
     return min(_length(D, _nearest_first(D, first)) for first in range(len(Q)))
@@ -97,15 +86,11 @@ def _apart(robot: Robot, Q: Array, q: Array) -> Array:
 
 
 def _length(D: Array, order: Sequence[int]) -> float:
-    """Sum of the moves of an open tour."""
     return float(sum(D[a, b] for a, b in itertools.pairwise(order)))
 
 
 def _held_karp(D: Array) -> list[int]:
-    """The shortest open tour by dynamic programming over subsets, O(2^K K²).
-
-    Source: M. Held and R. M. Karp, J. SIAM 10 (1962) 196.
-    """
+    """Dynamic programming over subsets, O(2^K K²): M. Held and R. M. Karp, J. SIAM 10 (1962) 196."""
     K = len(D)
     cost = np.full((1 << K, K), np.inf)
     came = np.zeros((1 << K, K), dtype=int)
@@ -127,12 +112,10 @@ def _held_karp(D: Array) -> list[int]:
 
 
 def _two_opt(D: Array) -> list[int]:
-    """From the nearest neighbour of each posture in turn, parts reversed while that shortens the tour; the best."""
     return min((_improved_tour(D, _nearest_first(D, first)) for first in range(len(D))), key=lambda o: _length(D, o))
 
 
 def _nearest_first(D: Array, first: int) -> list[int]:
-    """The tour that goes on to the nearest posture each time."""
     order, left = [first], set(range(len(D))) - {first}
     while left:
         order.append(min(left, key=lambda k: (D[order[-1], k], k)))
@@ -141,7 +124,6 @@ def _nearest_first(D: Array, first: int) -> list[int]:
 
 
 def _improved_tour(D: Array, order: list[int]) -> list[int]:
-    """The tour with parts reversed while that shortens it (2-opt)."""
     better = True
     while better:
         better = False

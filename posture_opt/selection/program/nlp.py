@@ -34,27 +34,19 @@ class Variable:
 
 @dataclass(frozen=True)
 class Row:
-    """A constraint ``lower ≤ expression ≤ upper`` [unit]; the bounds may depend on the target's parameters.
-
-    Args:
-        term: the term or obstacle that it belongs to; the rows of target and tool axis say so in their names.
-        shown: turns a value of the expression into what reports state.
-        convex: the expression mostly bends upwards, as a distance does: its curvature makes the Lagrangian of a lower
-            bound bend downwards, and a method that wants a positive definite Hessian leaves it out.
-    """
+    """A constraint ``lower ≤ expression ≤ upper`` [unit]; the bounds may depend on the target's parameters."""
 
     name: str
     unit: str
     expression: ca.SX
     lower: ca.SX
     upper: ca.SX
-    term: str = ""
-    shown: Callable[[float], float] = float
-    convex: bool = False
+    term: str = ""  # the term or obstacle it belongs to; rows of target and axis say so by name
+    shown: Callable[[float], float] = float  # from a value of the expression to what reports state
+    convex: bool = False  # bends upwards, as a distance: a method that wants a positive definite Hessian leaves it out
 
     @property
     def equality(self) -> bool:
-        """Whether both ends are one expression."""
         return bool(ca.is_equal(self.lower, self.upper, 2))
 
     @property
@@ -65,22 +57,15 @@ class Row:
 
 @dataclass(frozen=True)
 class Nlp:
-    """``minimise objective(x, p)`` subject to the rows ``lower(p) ≤ g(x, p) ≤ upper(p)`` and to the bounds of x.
+    """``minimise objective(x, p)`` subject to rows ``lower(p) ≤ g(x, p) ≤ upper(p)`` and to the bounds of x."""
 
-    Args:
-        x: (n,) variables; ``p`` (33,) the parameters of the target.
-        objective: of order one, the sum of ``terms``, each with its name, the task's own first.
-        variance: [m²] along the worst axis of the spread that counts, whatever the criterion: what postures are
-            compared by in words.
-    """
-
-    x: ca.SX
-    p: ca.SX
+    x: ca.SX  # (n,)
+    p: ca.SX  # (33,) parameters of the target
     variables: tuple[Variable, ...]
-    objective: ca.SX
+    objective: ca.SX  # of order one, the sum of ``terms``
     rows: tuple[Row, ...]
-    terms: tuple[tuple[str, ca.SX], ...]
-    variance: ca.SX
+    terms: tuple[tuple[str, ca.SX], ...]  # by name, the task's own first
+    variance: ca.SX  # [m²] along the worst axis that counts, whatever the criterion
 
     @cached_property
     def g(self) -> ca.SX:
@@ -98,10 +83,7 @@ class Nlp:
 
     @cached_property
     def indifferent(self) -> tuple[int, ...]:
-        """Variables that neither the objective nor any row depends on: a spin about the tool axis, say.
-
-        An inequality in one variable alone is a bound on it, and no reason to prefer a value within.
-        """
+        """Variables without effect on objective and rows; an inequality in one variable alone is a bound on it."""
         uses = [np.array(ca.which_depends(row.expression, self.x, 1, False)) for row in self.rows]
         equal = [row.equality for row in self.rows]
         matters = [used for used, one in zip(uses, equal, strict=True) if one or np.count_nonzero(used) > 1]
@@ -110,10 +92,7 @@ class Nlp:
 
     @cached_property
     def free(self) -> tuple[int, ...]:
-        """Variables between unequal bounds that neither the objective nor an equality depends on.
-
-        Other rows may: any of their values that meets those is as good.
-        """
+        """Variables between unequal bounds without effect on objective and equalities."""
         held = [np.array(ca.which_depends(row.expression, self.x, 1, False)) for row in self.rows if row.equality]
         held.append(np.array(ca.which_depends(self.objective, self.x, 1, False)))
         lower, upper = self.variable_bounds
@@ -121,11 +100,7 @@ class Nlp:
 
     @cached_property
     def unlike_turns(self) -> tuple[int, ...]:
-        """Angles with more than a turn between their bounds whose turns the program tells apart.
-
-        A distance from a posture or from a limit does so, and an error that does not repeat after a turn of the joint:
-        objective or rows at ``x`` and ``x + 2π e_k`` differ, at some random points.
-        """
+        """Angles over a turn wide whose turns matter: values at ``x`` and ``x + 2π e_k`` differ at random points."""
         lower, upper = self.variable_bounds
         angles = np.array([variable.unit == "rad" for variable in self.variables])
         wide = np.flatnonzero(angles & (upper - lower > TURN))
@@ -179,15 +154,10 @@ def _stacked(bounds: Sequence[ca.SX]) -> ca.SX:
 
 @dataclass(frozen=True)
 class Values:
-    """A nonlinear program at one posture and one target.
+    """A nonlinear program at one posture and one target."""
 
-    Args:
-        terms: (t,) parts of the objective.
-        rows: (m,) values of the rows, between ``row_lower`` and ``row_upper`` (m,) where they are met.
-    """
-
-    terms: np.ndarray
-    rows: np.ndarray
+    terms: np.ndarray  # (t,)
+    rows: np.ndarray  # (m,)
     row_lower: np.ndarray
     row_upper: np.ndarray
 
@@ -201,7 +171,6 @@ class Values:
 
     @property
     def objective(self) -> float:
-        """The sum of the terms."""
         return float(self.terms.sum())
 
 
@@ -224,32 +193,18 @@ if hasattr(os, "register_at_fork"):  # what another thread held goes on being he
 
 @dataclass(frozen=True)
 class SolverAnswer:
-    """Where a solve ended.
+    """Where a solve ended, with multipliers positive at upper ends: ``∇f + Jᵀλ + z = 0``."""
 
-    Args:
-        x: (n,) the variables.
-        optimal: IPOPT's status is ``Solve_Succeeded``; a merely acceptable point is not.
-        message: IPOPT's status.
-        iterations: that it took.
-        row_multipliers: (m,) and ``bound_multipliers`` (n,), positive at upper ends: ``∇f + Jᵀλ + z = 0``.
-    """
-
-    x: Array
-    optimal: bool
+    x: Array  # (n,)
+    optimal: bool  # Solve_Succeeded; a merely acceptable point is not
     message: str
     iterations: int
-    row_multipliers: Array
-    bound_multipliers: Array
+    row_multipliers: Array  # (m,)
+    bound_multipliers: Array  # (n,)
 
 
 class NonlinearSolver:
-    """``min f(x, p)`` subject to bounds on x and on g(x, p); threads may share it and solve in turn.
-
-    Args:
-        name: for CasADi's messages.
-        program: ``x``, ``f``, ``g`` and, where there are parameters, ``p``: symbols of CasADi.
-        options: of IPOPT, over those that keep it silent.
-    """
+    """``min f(x, p)`` subject to bounds on x and g(x, p), by IPOPT; threads may share it and solve in turn."""
 
     def __init__(self, name: str, program: Mapping[str, Any], options: Mapping[str, Any]) -> None:
         with _ONE_AT_A_TIME:
@@ -258,13 +213,7 @@ class NonlinearSolver:
     def solve(
         self, x0: Array, lower: Array, upper: Array, row_lower: Array, row_upper: Array, p: Any = ()
     ) -> SolverAnswer:
-        """The local optimum from ``x0`` (n,), within bounds of the variables (n,) and rows (m,).
-
-        Bounds of a variable that are equal fix it. Other threads that want to solve wait until this one is done.
-
-        Raises:
-            KeyboardInterrupt: as anything else that a signal handler raises while IPOPT works.
-        """
+        """The local optimum from ``x0`` (n,); equal bounds fix a variable; other threads wait."""
         with _ONE_AT_A_TIME, interruptible():
             found = self._function(x0=x0, p=p, lbx=lower, ubx=upper, lbg=row_lower, ubg=row_upper)
             stats = self._function.stats()
@@ -275,11 +224,11 @@ class NonlinearSolver:
     def residual(
         self, found: SolverAnswer, lower: Array, upper: Array, row_lower: Array, row_upper: Array, p: Any = ()
     ) -> float:
-        """The largest residual of the optimality conditions at an answer, scaled as IPOPT scales them.
+        """Largest residual of the optimality conditions, evaluated here and not taken from the solver.
 
-        ``max(|∇f + Jᵀλ + z|/s, |(λ, z)|·room/s, violation)`` with ``s = max(100, mean |(λ, z)|)/100`` (Wächter and
-        Biegler 2006, eqs. 5 and 6), evaluated here and not taken from the solver. ``room`` is what a value has left to
-        the end that its multiplier belongs to. Arguments as of `solve`.
+        ``max(|∇f + Jᵀλ + z|/s, |(λ, z)|·room/s, violation)``, ``s = max(100, mean |(λ, z)|)/100`` (Wächter and Biegler
+        2006, eqs. 5 and 6); ``room`` is the way to the end that a multiplier belongs to.
+
         """
         slope = np.asarray(self._function.get_function("nlp_grad_f")(found.x, p)[1]).ravel()
         g, jacobian = self._function.get_function("nlp_jac_g")(found.x, p)

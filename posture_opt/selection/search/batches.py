@@ -49,11 +49,7 @@ def usual_starts(engine: Engine) -> int:
 def until_found_often(
     engine: Engine, target: TaskTarget, rng: np.random.Generator, starts: int | None = None
 ) -> MultistartResult:
-    """Starts until some local searches have found the best optimum; all of them at once where ``starts`` is given.
-
-    The stopping rule of a repeated solve: four searches agree, and the probability that one more start finds something
-    better is below 1 %.
-    """
+    """Starts until four searches agree on the best and one more finds a better one with less than 1 %."""
     whole = multistart(engine, target, rng, starts or usual_starts(engine))
     for _ in range(1, 1 if starts else MAX_PASSES):
         if not any(c.feasible for c in whole.found) or (
@@ -75,16 +71,11 @@ def until_recurrence(
     workers: int = 1,
     progress: Progress | None = None,
 ) -> MultistartResult:
-    """Batches of starts, seeded by their number, until the best optimum has been found by two of them.
+    """Independent batches, seeded by their number, until two (or six, where evidence is thin) found the best optimum.
 
-    By six, where fewer than `SEARCHES_IN_ALL` local searches found it, or so many optima were seen only once that
-    better ones are likely. Independent batches that agree are evidence that a share of the starts cannot give: the
-    starts of one batch are screened against each other.
+    Their agreement is evidence that a share of the starts cannot give: starts of one batch are screened against each
+    other.
 
-    Args:
-        starts: of each batch; default: by the freedom that is left.
-        workers: processes that share the batches; the answer does not depend on it.
-        progress: called with (done, total) batches.
     """
     starts = starts or usual_starts(engine)
     whole = multistart(engine, target, np.random.default_rng([seed, 0]), starts, every=True)
@@ -103,19 +94,13 @@ def until_recurrence(
 
 
 def _batches_wanted(whole: MultistartResult) -> int:
-    """How many batches are to find the best optimum, by how rare it is and how many others were seen only once."""
     expected = whole.unseen_better * whole.polished
     sure = whole.hits >= SEARCHES_IN_ALL and expected <= EXPECTED_BETTER_OPTIMA
     return BATCHES_THAT_AGREE if sure else 3 * BATCHES_THAT_AGREE
 
 
 def recurrences(values: Sequence[float], limit: Callable[[float], float]) -> int:
-    """How many batches found the best optimum.
-
-    Args:
-        values: the best objective of each batch, infinite where it found nothing feasible.
-        limit: the objective up to which an optimum counts as one of the given objective.
-    """
+    """How many of the batches' best objectives (infinite: nothing feasible) are within ``limit`` of the least."""
     best = min(values)
     return sum(value <= limit(best) for value in values) if np.isfinite(best) else 0
 
@@ -134,7 +119,6 @@ def _best(found: MultistartResult) -> float:
 
 
 def _batch(shared: tuple[Engine, TaskTarget, int, int], k: int) -> MultistartResult:
-    """Batch k: it depends on the seed and on k alone; what cannot be the best of it is not followed to its end."""
     engine, target, seed, starts = shared
     return multistart(engine, target, np.random.default_rng([seed, k]), starts)
 
@@ -150,14 +134,11 @@ _NEAR = 0.35  # rad or m in each joint: what is so near to a better posture lead
 def screened_search(
     engine: Engine, target: TaskTarget, rng: np.random.Generator, *, preferred: bool = False
 ) -> MultistartResult | None:
-    """The optima that the best of many feasible postures lead to, best first.
+    """The optima that the best of many feasible postures lead to; nothing found where none reaches the target.
 
-    Args:
-        preferred: whether the joint ranges are only preferred, and wider ones are searched where nothing is found.
+    None: unmet requirements, a problem that the solver does not take, or no optimum. ``preferred``: wider joint ranges
+    are searched where nothing is found.
 
-    Returns:
-        Nothing found where no posture reaches the target; None where none of those that do meets every requirement,
-        where the solver takes no such problem, or where it does not end at an optimum.
     """
     starts = usual_starts(engine)
     Q, tried = feasible_starts(engine, target, starts, rng, _PREFERRED_TRIALS if preferred else MAX_TRIALS_PER_START)
@@ -178,7 +159,6 @@ def screened_search(
 
 
 def _local_minima(engine: Engine, best_first: list[CandidatePosture]) -> list[CandidatePosture]:
-    """The first few that have none better nearer than `_NEAR` in every joint that matters, whole turns taken off."""
     joints = [k for k in range(engine.robot.n) if k not in engine.indifferent]
     turn = np.array([TURN if engine.robot.joints[k].type == "revolute" else 0.0 for k in joints])
     Q = np.array([candidate.q[joints] for candidate in best_first])
@@ -194,7 +174,6 @@ def _local_minima(engine: Engine, best_first: list[CandidatePosture]) -> list[Ca
 
 
 def _improved(engine: Engine, start: CandidatePosture, target: TaskTarget) -> CandidatePosture:
-    """Where the solver ends from a feasible posture; the posture itself where that is not feasible."""
     outcome = engine.confirming.solve(start.q, target.parameters)
     if not np.all(np.isfinite(outcome.x)):
         return start

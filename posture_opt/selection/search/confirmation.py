@@ -25,29 +25,19 @@ _DISAGREEMENT = 1e-3
 
 @dataclass(frozen=True)
 class Confirmation:
-    """What a solver says of an optimum.
-
-    Args:
-        name: of the solver; ``iterations`` over all postures that went through it.
-        kkt: the largest residual of the optimality conditions where it ended, scaled; NaN where it ended nowhere.
-        agrees: relative difference of σ between what it was given and where it ended.
-        taken: whether its end is the answer, as it is better.
-        q: (n,) where it ended [rad or m].
-        row_multipliers: (m,) there, of the scaled objective; ``bound_multipliers`` (n,) of the variables.
-    """
+    """What a solver says of an optimum."""
 
     name: str
-    iterations: int
-    kkt: float
-    agrees: float
-    taken: bool = False
+    iterations: int  # over all postures that went through it
+    kkt: float  # largest scaled residual of the optimality conditions
+    agrees: float  # relative difference of σ from what it was given
+    taken: bool = False  # its end is the answer, as it is better
     q: Array = field(default_factory=lambda: np.zeros(0), repr=False)
     row_multipliers: Array = field(default_factory=lambda: np.zeros(0), repr=False)
     bound_multipliers: Array = field(default_factory=lambda: np.zeros(0), repr=False)
 
     @property
     def differs(self) -> bool:
-        """Whether the two methods ended at different answers."""
         return not self.agrees <= AGREEMENT
 
     @property
@@ -83,11 +73,7 @@ _Rows: TypeAlias = tuple[int, ...]
 
 
 class ConfirmingSolver:
-    """Solves a nonlinear program from postures that are optima, or nearly so.
-
-    Args:
-        nlp: n variables, m rows.
-    """
+    """Solves a nonlinear program from postures that are optima, or nearly so."""
 
     def __init__(self, nlp: Nlp, solver: Solver) -> None:
         self._nlp, self._solver = nlp, solver
@@ -99,12 +85,7 @@ class ConfirmingSolver:
         return int(np.count_nonzero(row_low == row_high)) <= int(np.count_nonzero(low < high))
 
     def solve(self, q: Array, parameters: Array, ends: Ends | None = None) -> Outcome:
-        """Where the solver ends from q (n,) [rad or m]; multipliers (m,) and (n,), zero of rows that took no part.
-
-        Args:
-            parameters: (p,) of the target.
-            ends: of variables and rows, where they are not those of the target.
-        """
+        """Where the solver ends from q (n,) [rad or m]; multipliers (m,) and (n,), zero of rows that took no part."""
         low, high, row_low, row_high = self._nlp.ends(parameters) if ends is None else ends
         chosen = self._beyond(q, parameters, row_low + NEAR_ROW_M, row_high - NEAR_ROW_M)
         chosen |= {k for k, row in enumerate(self._nlp.rows) if not row.convex}
@@ -128,7 +109,6 @@ class ConfirmingSolver:
         return {int(k) for k in np.flatnonzero((value < low) | (value > high))}
 
     def _polish(self, rows: _Rows) -> Polish:
-        """The solver with some rows, built when they first take part together."""
         if rows not in self._built:
             whole = len(rows) == len(self._nlp.rows)
             nlp = self._nlp if whole else self._nlp.with_rows(rows)

@@ -41,51 +41,35 @@ _HEIGHT = f"{TARGET}.z"
 
 @dataclass(frozen=True)
 class Compromise:
-    """A posture that meets some requirements only in part.
+    """A posture that meets some requirements only in part."""
 
-    Args:
-        q: (n,) [rad or m].
-        lacking: (G,) what each requirement lacks, in the order of `ElasticProblem.requirements` [unit].
-        cost: the sum of what is lacking, each in its own scale.
-        slacks: name of a requirement that gives -> by how much [unit]: of the target and of an obstacle's place (3,).
-    """
-
-    q: Array
-    lacking: Array
-    cost: float
-    slacks: Mapping[str, Array]
+    q: Array  # (n,) [rad or m]
+    lacking: Array  # (G,) what each requirement lacks [unit]
+    cost: float  # Σ lacking, each in its own scale
+    slacks: Mapping[str, Array]  # what gives [unit]: target and place of an obstacle (3,)
 
     @property
     def met(self) -> bool:
-        """Whether nothing is missing after all."""
         return bool(np.all(self.lacking <= ROW_TOLERANCE))
 
 
 @dataclass(frozen=True)
 class _Slack:
-    """The slack of one requirement: a ``vector`` with a norm, or numbers that are not below zero.
-
-    Args:
-        scale: what a unit of it is [unit]; ``most`` is the largest that it may be [unit].
-    """
+    """The slack of one requirement: a ``vector`` with a norm, or numbers that are not below zero."""
 
     name: str
     size: int
-    scale: float
+    scale: float  # [unit]
     vector: bool = False
-    most: float = math.inf
+    most: float = math.inf  # [unit]
 
 
 class ElasticProblem:
-    """The elastic form of one optimisation problem: ``min Σ_k c_k s_k`` over postures and slacks ``s_k ≥ 0``.
+    """The elastic form of a problem: ``min Σ_k c_k s_k`` over postures and slacks ``s_k ≥ 0``.
 
-    Args:
-        problem: n joints.
-        held: joint index -> value [rad or m] of joints that the task holds and that ``problem`` leaves free.
+    ``held``: joint index -> value [rad or m] of joints that the task holds and ``problem`` leaves free. Requirements
+    are the target, the tool axis, the limits, held joints, terms, rows of the cell, places of its obstacles, its clearance.
 
-    Attributes:
-        requirements: names of all that may give: the target, the tool axis, the limits, then held joints, terms, the
-            rows of the cell, the places of its obstacles and its clearance.
     """
 
     def __init__(self, problem: OptimisationProblem, held: Mapping[int, float] | None = None) -> None:
@@ -99,14 +83,11 @@ class ElasticProblem:
         self.requirements: tuple[str, ...] = (TARGET, AXIS, LIMITS, *self.further, *beside)
 
     def lacking(self, Q: Array, parameters: Array) -> Array:
-        """What each requirement lacks, (N, G), at postures Q (N, n) [rad or m].
+        """(N, G) what each requirement lacks at postures Q (N, n) [rad or m], zero where it is met.
 
-        Distance from the target [m], angle of the axis beyond the tilt [rad], the largest excess of a joint [rad, or
-        the arm's size], the largest violation of a row [unit]; zero where it is met. Of an obstacle that is touched it
-        is the depth at the surface, not what it would have to give.
+        Distance from the target [m], angle beyond the tilt [rad], largest excess of a joint [rad, or the arm's size],
+        violation of a row [unit]; of an obstacle the depth at its surface.
 
-        Args:
-            parameters: (p,) of the target.
         """
         return np.asarray(self._lacking(Q, parameters, np.zeros(self._slack_count)))
 
@@ -117,13 +98,7 @@ class ElasticProblem:
     def least(
         self, parameters: Array, given: Collection[str], starts: Array, *, level: bool = False
     ) -> Compromise | None:
-        """The best that IPOPT finds where only the requirements ``given`` may give; None where others are not met.
-
-        Args:
-            parameters: (p,) of the target.
-            starts: (k, n) postures; the first that leads to one where nothing is missing ends the search.
-            level: whether a target that gives stays at its height.
-        """
+        """The best from ``starts`` (k, n) where only ``given`` may give; ``level``: at the target's height."""
         found: list[Compromise] = []
         for k, start in enumerate(starts):
             if not found and k == MAX_FRUITLESS_STARTS:
@@ -165,7 +140,6 @@ class ElasticProblem:
         return {slack.name: slack.scale * part for slack, part in zip(self._slacks, parts, strict=True)}
 
     def _needed(self, q: Array, parameters: Array, given: Collection[str]) -> Array:
-        """The slacks that a posture needs: IPOPT starts where what may give has given enough."""
         lacking = dict(zip(self.requirements, self.lacking(q[None], parameters)[0], strict=True))
         parts = []
         for slack in self._slacks:
@@ -176,9 +150,7 @@ class ElasticProblem:
         return np.concatenate(parts)
 
     def _variable_bounds(self, given: Collection[str]) -> tuple[Array, Array]:
-        """Bounds of joints and slacks: slacks that may not give are held next to zero, joints whose limits may give are
-        freed.
-        """
+        """Slacks that may not give are held next to zero; joints whose limits may give are freed."""
         lower, upper = (end.copy() for end in self._problem.nlp.variable_bounds)
         if LIMITS in given:
             lower, upper = np.full_like(lower, -WIDENED_LIMIT), np.full_like(upper, WIDENED_LIMIT)
@@ -192,11 +164,9 @@ class ElasticProblem:
         return np.concatenate([lower, least]), np.concatenate([upper, most])
 
     def _of_slacks(self, values: Collection[float]) -> Array:
-        """A number of each requirement, repeated for each of its slacks."""
         return np.repeat(np.array(list(values), dtype=float), [slack.size for slack in self._slacks])
 
     def _row_bounds(self, parameters: Array, given: Collection[str]) -> tuple[Array, Array]:
-        """Bounds of the rows; those of the tool axis are dropped where it may give: its angle is in the cost."""
         low, high = (np.asarray(end, dtype=float).ravel() for end in self._row_ends(parameters))
         dropped = {AXIS} & {*given} | {HELD} - {*given}  # held joints are bounds of the variables
         out = np.array([name in dropped for *_, name in self._rows])
@@ -206,7 +176,6 @@ class ElasticProblem:
 
     @cached_property
     def _target_rows(self) -> tuple[Row, ...]:
-        """The rows that hold the tool point on its target."""
         return tuple(row for row in self._problem.nlp.rows if row.requirement == TARGET)
 
     @cached_property
@@ -216,7 +185,6 @@ class ElasticProblem:
 
     @cached_property
     def _slacks(self) -> tuple[_Slack, ...]:
-        """Of all requirements but the tool axis, whose angle is a cost of its own: the order of the variables."""
         size, n = self._problem.reach.radius, self._problem.robot.n
         every = [_Slack(TARGET, len(self._target_rows), size, vector=True), _Slack(LIMITS, n, 1.0)]
         every += [_Slack(HELD, len(self.held), 1.0)] if self.held else []
@@ -228,12 +196,10 @@ class ElasticProblem:
 
     @property
     def _slack_count(self) -> int:
-        """Of the variables that are slacks."""
         return sum(slack.size for slack in self._slacks)
 
     @cached_property
     def _symbols(self) -> dict[str, ca.SX]:
-        """The slacks as symbols, in their scales."""
         return {slack.name: ca.SX.sym(slack.name, slack.size) for slack in self._slacks}
 
     @cached_property
@@ -249,30 +215,24 @@ class ElasticProblem:
         return [1.0 if joint.type == "revolute" else radius for joint in joints]
 
     def _scale(self, name: str) -> float:
-        """The largest finite bound of a term: what it lacks is measured in that."""
         rows = [row for row in self._problem.nlp.rows if row.requirement == name]
         ends = [abs(float(end)) for row in rows for end in (row.lower, row.upper) if end.is_constant()]
         return max((end for end in ends if np.isfinite(end)), default=0.0) or ZERO_BOUND_SCALE
 
     @cached_property
     def _facing(self) -> ca.SX:
-        """Cosine of the angle between tool axis and direction; one where the axis is not asked for."""
         name = f"{AXIS}.facing"
         return next((row.expression for row in self._problem.nlp.rows if row.name == name), ca.SX(1))
 
     @property
     def _tilt(self) -> ca.SX:
-        """The angle that the tool axis may lean by."""
         name = f"{AXIS}.sin2_tilt"
         upper = next((row.upper for row in self._problem.nlp.rows if row.name == name), ca.SX(0))
         return ca.asin(ca.fmin(ca.sqrt(upper), 1))
 
     @cached_property
     def _solver(self) -> NonlinearSolver:
-        """IPOPT on the elastic program.
-
-        The norms of shifts and the chord of the axis are rounded off at zero, where they have no slope.
-        """
+        """IPOPT; norms of shifts and the chord of the axis are rounded off at zero, where they have no slope."""
         nlp, axis_free = self._problem.nlp, ca.SX.sym("axis_free")
         cost = axis_free * ca.sqrt(2 * (1 - self._facing) + NORM_ROUNDING)
         for slack in self._slacks:

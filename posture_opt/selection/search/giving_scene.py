@@ -29,7 +29,6 @@ _SHIFTS_TRIED_M = np.geomspace(2e-3, 4.0, 50)
 
 
 def place_of(obstacle: str) -> str:
-    """The requirement that an obstacle stands where it does."""
     return f"place of {obstacle}"
 
 
@@ -43,18 +42,12 @@ class CellRow:
 
 @dataclass(frozen=True)
 class GivingScene:
-    """The rows of a problem's cell, with the slacks of its obstacles as symbols [m].
-
-    Args:
-        problem: with a scene.
-        less: how far the faces of each obstacle recede (k,); ``shifts`` (3, k) how far each moves, world.
-        clearance: what is taken off the clearance of the cell.
-    """
+    """The rows of a problem's cell, with the slacks of its k obstacles as symbols [m]."""
 
     problem: OptimisationProblem
-    less: ca.SX
-    shifts: ca.SX
-    clearance: ca.SX
+    less: ca.SX  # (k,) how far the faces recede
+    shifts: ca.SX  # (3, k) how far each moves, world
+    clearance: ca.SX  # taken off the clearance of the cell
 
     @classmethod
     def of(cls, problem: OptimisationProblem) -> GivingScene:
@@ -64,7 +57,6 @@ class GivingScene:
 
     @property
     def scene(self) -> Scene:
-        """What the arm keeps clear of."""
         assert self.problem.scene is not None
         return self.problem.scene
 

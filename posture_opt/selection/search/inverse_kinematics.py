@@ -71,18 +71,12 @@ long long posture_opt_loop(long long rows, long long n, double* q, const double*
 
 
 class InverseKinematics:
-    """The batch solver of one robot and tool axis, for positions in the span of ``directions`` (3, r).
+    """The batch solver of one robot and tool axis, for positions in the span of U = ``directions`` (3, r).
 
     The residual of a row is ``(w₁ Uᵀ(x − x*), w₂ (a − a*), w₃ (s − s*))`` with the tool point x [m], the tool axis a
-    and the spin vector s, all in the world; parts beyond a slack or a cone count, parts within do not.
+    and the spin vector s, world; parts within a slack or a cone do not count. ``step``: ``(q, request) -> (next q,
+    error)``; joints ``whole`` are drawn between their limits, however wide.
 
-    Args:
-        compiled: None compiles where a C compiler is found; False never; True or an error.
-        spun: whether the spin of the tool is part of the residual.
-        whole: indices of joints that random postures are drawn for between the limits, however wide.
-
-    Attributes:
-        step: ``(q, request) -> (next q, error at q)``.
     """
 
     def __init__(
@@ -101,12 +95,10 @@ class InverseKinematics:
 
     @cached_property
     def _loop(self) -> RowLoop:
-        """All steps of all rows in one call of C."""
         return RowLoop({"ik_step": self.step}, _LOOP, self._compiled)
 
     @cached_property
     def _batch(self) -> BatchFunction:
-        """One step of all rows, interpreted."""
         return BatchFunction(self.step, compiled=False)
 
     def random_postures(self, count: int, rng: np.random.Generator) -> Array:
@@ -124,15 +116,11 @@ class InverseKinematics:
     def solve(
         self, Q: Array, request: PoseRequest, enough: int | None = None, steps: int = PATIENT_STEPS
     ) -> tuple[Array, Array]:
-        """Move the postures (N, n) onto the request; returns the postures reached (N, n) and their errors (N,).
+        """Move postures Q (N, n) onto the request (N rows, or one): the nearest ones (N, n) and their errors (N,).
 
-        A row ends when it has arrived, when its error no longer falls, or after ``steps`` steps; the posture of least
-        error on its way is kept. Stops early when ``enough`` rows have arrived: those after the last of these have an
-        infinite error.
+        A row ends on arrival, when its error no longer falls, or after ``steps``; after ``enough`` arrivals the others
+        have an infinite error.
 
-        Args:
-            Q: (N, n) starts within the limits [rad or m].
-            request: N rows, or one for all.
         """
         best, error = np.ascontiguousarray(Q).copy(), np.full(len(Q), np.inf)
         rows, wanted = np.ascontiguousarray(request.rows), len(Q) if enough is None else enough
@@ -144,7 +132,6 @@ class InverseKinematics:
         return best, error
 
     def _solve_interpreted(self, best: Array, error: Array, targets: Array, wanted: int, steps: int) -> None:
-        """The same loop, all rows a step at a time."""
         rows, now, window = np.arange(len(best)), best.copy(), steps // STALL_WINDOW
         past = np.full((steps, len(best)), np.inf)
         for k in range(steps):
@@ -163,10 +150,7 @@ class InverseKinematics:
         error[after] = np.inf
 
     def reached(self, groups: Sequence[Array], requests: Sequence[PoseRequest]) -> list[Array]:
-        """Of each group of postures (M, n) those (m, n) that reach its request; all are moved in one batch.
-
-        Requests of one batch differ in what is wanted, not in ``weights``: those of the first one count.
-        """
+        """Of each group of postures (M, n) those that reach its request, in one batch with the first one's weights."""
         rows = [np.broadcast_to(request.rows, (len(Q), WIDTH)) for request, Q in zip(requests, groups, strict=True)]
         position, axis, spin, _, slack, cone = np.split(np.vstack(rows), PARTS[1:-1], axis=1)
         batch = PoseRequest(position, axis, spin, requests[0].weights, slack, cone)
@@ -188,10 +172,7 @@ def unlimited(arm: Arm) -> Arm:
 
 
 def axis_can_reach(arm: Arm, tool_axis: tuple[float, float, float], target: TaskTarget, slack: float) -> bool:
-    """Whether the tool axis can come within the allowed tilt and ``slack`` [rad] of the wanted one, anywhere.
-
-    Joints turn freely for this question and the position does not count: where it fails, no target would help.
-    """
+    """Whether the tool axis can come within tilt and ``slack`` [rad] of the wanted one, joints turning freely."""
     ik = InverseKinematics(unlimited(arm), tool_axis, np.eye(3), compiled=False)
     request = PoseRequest(np.zeros(3), target.axis, target.axis_basis[:, 0], np.array([0.0, 1.0, 0.0]))
     _, errors = ik.solve(ik.random_postures(64, np.random.default_rng(0)), request)
@@ -199,10 +180,10 @@ def axis_can_reach(arm: Arm, tool_axis: tuple[float, float, float], target: Task
 
 
 def _step_function(arm: Arm, tool_axis: tuple[float, float, float], directions: Array, spun: bool) -> ca.Function:
-    """``(q, request) -> (next q, error at q)``: one damped least squares step within the limits.
+    """``(q, request) -> (next q, error at q)``: ``dq = −(JᵀJ + (λ ‖r‖² + μ) I)⁻¹ Jᵀ r`` within the limits.
 
-    ``dq = −(JᵀJ + (λ ‖r‖² + μ) I)⁻¹ Jᵀ r`` for the residual r and its Jacobian J, columns of held joints zero;
-    shortened to `LONGEST_IK_STEP` in the joint that moves furthest, then clipped to the limits.
+    r is the residual, J its Jacobian, columns of held joints zero; dq is shortened to `LONGEST_IK_STEP`, then clipped.
+
     """
     q, request = ca.SX.sym("q", arm.robot.n), ca.SX.sym("request", WIDTH)
     position, axis, spin, weights, slack, cone = ca.vertsplit(request, list(PARTS))
@@ -248,23 +229,16 @@ _INSIDE = 0.999  # of the tilt: an axis drawn a little inside the cone satisfies
 
 @dataclass(frozen=True)
 class PoseRequest:
-    """What every row of a batch is to reach, as weighted residuals.
+    """What every row of a batch is to reach, as weighted residuals."""
 
-    Args:
-        position: (N, 3) or (3,) wanted tool point [m].
-        axis: (N, 3) or (3,) wanted direction of the tool axis, world.
-        spin: (N, 3) or (3,) wanted direction of the tool's spin vector, world.
-        weights: (3,) for position, axis and spin; zero leaves a part out.
-        slack: (N, 3) or (3,) half sides of a box about ``position`` [m] that is as good as the point.
-        cone: (N, 1) or (1,) distance of unit vectors within which an axis is as good as ``axis``.
-    """
-
-    position: Array
-    axis: Array
-    spin: Array
-    weights: Array
-    slack: Array = field(default_factory=lambda: np.zeros(3))
-    cone: Array = field(default_factory=lambda: np.zeros(1))
+    position: Array  # (N, 3) or (3,) tool point [m]
+    axis: Array  # (N, 3) or (3,) tool axis, world
+    spin: Array  # (N, 3) or (3,) spin vector, world
+    weights: Array  # (3,) of position, axis, spin; zero leaves a part out
+    slack: Array = field(
+        default_factory=lambda: np.zeros(3)
+    )  # (N, 3) or (3,) half sides of a box [m] as good as the point
+    cone: Array = field(default_factory=lambda: np.zeros(1))  # (N, 1) or (1,) distance as good as ``axis``
 
     @property
     def rows(self) -> Array:
@@ -285,14 +259,11 @@ def request_for(
     whole_box: bool = False,
     slack_of_axis: float = 0.0,
 ) -> PoseRequest:
-    """Targets for ``count`` starts: the point, or points drawn from the region; axes drawn within the tilt.
+    """What ``count`` starts aim at: the point, or points of the region; axes within the tilt, where ``aligned``.
 
-    Args:
-        aligned: whether the tool axis is asked for.
-        rng: what points and axes are drawn with.
-        whole_box: any point of the region will do: an arm with few joints cannot align its tool at a drawn one, while
-            an arm with many is pushed to the region's edge.
-        slack_of_axis: error of the tool axis that is as good as none [rad].
+    ``whole_box``: any point of the region, as an arm with few joints cannot align its tool at a drawn one;
+    ``slack_of_axis`` [rad] is as good as none.
+
     """
     anywhere = target.kind == "anywhere"
     position, slack = np.zeros(3) if anywhere else target.lower, np.zeros(3)
@@ -324,10 +295,7 @@ def held_request(target: TaskTarget, aligned: bool, slack_of_axis: float) -> Pos
 
 
 def _within_tilt(target: TaskTarget, count: int, rng: np.random.Generator) -> Array:
-    """(count, 3) unit vectors spread evenly over the cone of the allowed tilt, every fourth one straight.
-
-    The angle goes with the root of a uniform number: equal areas of the (small) cap are equally likely.
-    """
+    """(count, 3) unit vectors spread by area over the cone of the tilt, every fourth one straight."""
     tilt = _INSIDE * target.tilt * np.sqrt(rng.uniform(size=count)) * (np.arange(count) % 4 != 0)
     turn = rng.uniform(0, 2 * np.pi, count)
     sideways = np.cos(turn)[:, None] * target.axis_basis[:, 0] + np.sin(turn)[:, None] * target.axis_basis[:, 1]
@@ -339,38 +307,22 @@ ALIGNMENT_TRIALS = 96  # random postures: where one in twenty arrives aligned, a
 
 @dataclass(frozen=True)
 class Aligner:
-    """The arm and the tool axis that is asked of it.
-
-    Six joints can point a tool anywhere at most targets, and a planar or five-joint arm at some or none: what a file
-    asks for in one line is then decided by trying.
-
-    Args:
-        arm: n joints; ``task`` with its tool axis and tilt.
-        reach: which directions the tool point moves in, and what freedom the axis has.
-        compiled: None compiles where a C compiler is found; False never; True or an error.
-        whole: the arm with all of its joints and ranges, where ``arm`` has fewer.
-    """
+    """What the arm can give of the tool axis: of some arms and targets that is found by trying."""
 
     arm: Arm
     task: Task
     reach: Reach
-    compiled: bool | None
-    whole: Arm
+    compiled: bool | None  # None: where a C compiler is found
+    whole: Arm  # with all joints and ranges, where ``arm`` has fewer
 
     def at(self, target: TaskTarget) -> Alignment:
-        """Whether the tool axis is asked for, and what the arm can give at such a target.
-
-        ``free``: not constrained; ``exact``: two rows hold it; ``loose``: it is held within a slack, for arms with too
-        few joints to hold it exactly. Where no random posture arrives aligned, an arm whose axis could get near is
-        ``loose``, and so is one that only lacks joints that the file holds.
-        """
+        """``free``: the axis is not constrained; ``exact``: two rows hold it; ``loose``: held within a slack."""
         given = self._given(target)
         if given == "free" and self.whole is not self.arm and self._of_whole.at(target) != "free":
             return "loose"
         return given
 
     def _given(self, target: TaskTarget) -> Alignment:
-        """What the arm can give with the joints and ranges that it is left."""
         reach = self.reach
         if self.task.axis_request == "free" or reach.axis_rank == 0:
             return "free"
@@ -393,10 +345,8 @@ class Aligner:
 
     @cached_property
     def _of_whole(self) -> Aligner:
-        """The same question to the whole arm."""
         return Aligner(self.whole, self.task, Reach.of(self.whole, self.task.tool_axis), self.compiled, self.whole)
 
     @cached_property
     def _trial(self) -> InverseKinematics:
-        """The inverse kinematics of position and axis."""
         return InverseKinematics(self.arm, self.task.tool_axis, self.reach.directions, self.compiled)

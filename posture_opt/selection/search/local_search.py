@@ -42,24 +42,15 @@ _NOTHING_APART: tuple[int | float | Array, ...] = (0, 0, *[np.zeros(1)] * 5, 0.0
 
 @dataclass(frozen=True)
 class LocalOptima:
-    """Where N local searches ended, or were stopped.
+    """Where N local searches ended, or were stopped."""
 
-    Args:
-        q: (N, n) postures [rad or m].
-        state: (N, m + n + 1) multipliers of rows and bounds, and the radius, to go on from.
-        objective: (N,); violation: (N,) the largest of a row; stationarity: (N,) residual of the first-order
-            conditions.
-        gain: (N,) what the next step promises of the objective, large where the quadratic model says nothing.
-        optimal: (N,) whether first-order conditions hold within the tolerances.
-    """
-
-    q: Array
-    state: Array
-    objective: Array
-    violation: Array
-    stationarity: Array
-    gain: Array
-    optimal: Mask
+    q: Array  # (N, n) [rad or m]
+    state: Array  # (N, m + n + 1) multipliers and radius, to go on from
+    objective: Array  # (N,)
+    violation: Array  # (N,) the largest of a row
+    stationarity: Array  # (N,) residual of the first-order conditions
+    gain: Array  # (N,) promised by the next step, large where the model says nothing
+    optimal: Mask  # (N,)
 
     @property
     def excess(self) -> Array:
@@ -72,17 +63,7 @@ class LocalOptima:
 
 
 class LocalSearch:
-    """The local search of one nonlinear program: Newton's step, a step back onto the target, and shortening by the
-    merit.
-
-    Args:
-        nlp: n variables, m rows.
-        contacts: what an arm of these variables keeps apart too; compiled, or left out.
-        restore: ``(x, request) -> (next x, error)`` brings a point back onto its target, as a step of the inverse
-            kinematics does.
-        tolerance: of stationarity, at an optimum.
-        compiled: None compiles where a C compiler is found; False never; True or an error.
-    """
+    """The local search of one program: Newton's step, a step ``restore`` back onto the target, and the merit."""
 
     def __init__(
         self,
@@ -104,15 +85,10 @@ class LocalSearch:
     def descend(
         self, Q: Array, parameters: Array, request: Array, steps: int, state: Array | None = None
     ) -> LocalOptima:
-        """At most ``steps`` steps from each posture of Q (N, n).
+        """At most ``steps`` steps from each posture of Q (N, n); ``state`` (N, m + n + 1) of an earlier call goes on.
 
-        A step is taken where the augmented Lagrangian does not grow beyond its rounding, else tried again within a
-        radius smaller by `SMALLER`; what has not moved for `MAX_IDLE_STEPS` steps ends where it is.
+        A step is taken where the augmented Lagrangian does not grow, else tried within a radius smaller by `SMALLER`.
 
-        Args:
-            parameters: (p,) or (N, p) of the target.
-            request: (1, w) or (N, w) what the inverse kinematics holds: the whole region, the whole cone.
-            state: (N, m + n + 1) of an earlier call, to go on from.
         """
         if state is None:
             contacts = 0 if self._contacts is None else self._contacts.rows
@@ -141,18 +117,12 @@ class LocalSearch:
 
     @cached_property
     def _batches(self) -> tuple[BatchFunction, ...]:
-        """Values, slopes, curvature and the step back onto the target for many rows, interpreted."""
         return tuple(BatchFunction(function, compiled=False) for function in (*self._functions, self._restore))
 
     def _run_interpreted(
         self, q: Array, state: Array, parameters: Array, request: Array, steps: int, result: Array
     ) -> None:
-        """The same loop without a compiler, one trial of all rows at a time; the answers agree to rounding.
-
-        Args:
-            q: (N, n), ``state`` (N, m + n + 1) and ``result`` (N, 5) are overwritten: objective, violation,
-                stationarity, gain, steps.
-        """
+        """The loop in NumPy; q (N, n), state (N, m + n + 1) and result (N, 5) are overwritten."""
         values = self._batches[0]
         rows, still, y, radius = np.arange(len(q)), np.zeros(len(q), dtype=int), state[:, :-1], state[:, -1]
         here = [np.array(part) for part in values(q, parameters)]
@@ -217,28 +187,18 @@ def _no_worse(here: list[Array], there: Sequence[Array], y: Array, violation: Ar
 
 
 def _of(array: Array, rows: Codes) -> Array:
-    """The rows of an array that has one for each, or one for all."""
     return array[rows] if len(array) > 1 else array
 
 
 class Derivatives(NamedTuple):
-    """Functions of the variables x (n,) and the parameters p of a nonlinear program with m rows.
+    """Functions of variables x (n,) and parameters p of a program with m rows; values are a tenth of the work."""
 
-    Values are a tenth of the work of the rest: a step that is refused costs no more than they do.
-
-    Args:
-        values: ``(x, p) -> objective, rows (m,), their lower and upper ends (m,)``, these finite.
-        slopes: ``(x, p) -> gradient (n,) of the objective, Jacobian (m, n) of the rows``.
-        curvature: ``(x, p, λ (m,)) -> Hessian (n, n) of the objective and λ times the rows``.
-    """
-
-    values: ca.Function
-    slopes: ca.Function
-    curvature: ca.Function
+    values: ca.Function  # (x, p) -> objective, rows (m,), their lower and upper ends (m,), finite
+    slopes: ca.Function  # (x, p) -> gradient (n,), Jacobian (m, n)
+    curvature: ca.Function  # (x, p, λ (m,)) -> Hessian (n, n) of the objective and λ times the rows
 
     @classmethod
     def of(cls, nlp: Nlp) -> Derivatives:
-        """The functions of a nonlinear program."""
         x, p, m = nlp.x, nlp.p, len(nlp.rows)
         # Before differentiation: what is alike in a program is alike in its derivatives, which are ten times as long.
         f, g = ca.cse([nlp.objective, nlp.g])

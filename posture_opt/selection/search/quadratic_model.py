@@ -40,20 +40,14 @@ Known = Array | tuple[Array, ...]
 
 @dataclass(frozen=True)
 class QuadraticModel:
-    """N models of n variables under m rows and n bounds, the rows first.
+    """N models of n variables under m rows and n bounds, the rows first."""
 
-    Args:
-        value: (N, m + n) rows and variables; low, high: (N, m + n) their ends, finite.
-        y: (N, m + n) multipliers, positive at upper ends, zero outside of the working set; all of them zero at first.
-        slope: (N, n) of the objective; A: (N, m, n) of the rows.
-    """
-
-    value: Array
-    low: Array
+    value: Array  # (N, m + n) rows and variables
+    low: Array  # (N, m + n) finite, as ``high``
     high: Array
-    y: Array
-    slope: Array
-    A: Array
+    y: Array  # (N, m + n) multipliers, positive at upper ends, zero outside of the working set
+    slope: Array  # (N, n) of the objective
+    A: Array  # (N, m, n) of the rows
 
     def at(self, rows: Codes | Mask) -> Self:
         """The models of some of the points, with all that is known of them."""
@@ -63,7 +57,6 @@ class QuadraticModel:
 
     @property
     def m(self) -> int:
-        """Rows."""
         return int(self.A.shape[1])
 
     @cached_property
@@ -88,10 +81,7 @@ class QuadraticModel:
 
     @cached_property
     def _orthonormal(self) -> tuple[Array, Array]:
-        """Q (N, m, n) and L (N, m, m) with ``A = L Q`` for the rows of the working set, held variables left out.
-
-        A row that depends on those before it has a zero pivot and a zero row in Q.
-        """
+        """Q (N, m, n), L (N, m, m): ``A = L Q`` of the working set; a dependent row has zero pivot and row."""
         held, rows = self.working[:, None, self.m :], self.working[:, : self.m, None]
         Q = np.where(rows & ~held, self.A, 0.0)
         L = np.zeros((len(Q), self.m, self.m))
@@ -156,12 +146,7 @@ class QuadraticModel:
 
 @dataclass(frozen=True)
 class Curved:
-    """The models with their Hessians.
-
-    Args:
-        model: N models.
-        H: (N, n, n) Hessians of the Lagrangian.
-    """
+    """N models with their Hessians of the Lagrangian (N, n, n)."""
 
     model: QuadraticModel
     H: Array
@@ -213,9 +198,7 @@ class Curved:
         return np.asarray(share * normal - np.einsum("kji,ki->kj", axes, c / (values + shift[:, None])))
 
     def gain(self) -> Array:
-        """(N,) the decrease of the Lagrangian's quadratic model by the whole of Newton's step, infinite where there is
-        none: ``−(∇f + Aᵀλ)·p − pᵀHp/2``.
-        """
+        """(N,) decrease of the quadratic model by Newton's step, ``−(∇f + Aᵀλ)·p − pᵀHp/2``; infinite without one."""
         model, p = self.model, self.step(np.full(len(self.H), np.inf))
         w = model.estimate[:, : model.m]
         slope = model.slope + np.einsum("kij,ki->kj", model.A, w)
@@ -223,9 +206,7 @@ class Curved:
         return np.where(self.indefinite, INFINITE_BOUND, found)
 
     def advanced(self, radius: Array) -> tuple[Array, Array]:
-        """The step (N, n) within a radius (N,) up to what it meets first, and the multipliers (N, m + n) of the next
-        working set; what is met joins with one that is next to zero.
-        """
+        """Step (N, n) within a radius (N,) up to what it meets first, and the next multipliers (N, m + n)."""
         model, p = self.model, self.step(radius)
         y = model.signed(model.multipliers(model.slope + np.einsum("kij,kj->ki", self.H, p)))
         y = np.where((y == 0) & (np.abs(model.y) == JOINED_MULTIPLIER), np.sign(model.y) * STAYING_MULTIPLIER, y)
@@ -251,7 +232,6 @@ def merit(objective: Array, g: Array, low: Array, high: Array, y: Array) -> Arra
 def _of_rows(
     known: Mapping[str, Array | tuple[Array, ...]], rows: Codes | Mask
 ) -> dict[str, Array | tuple[Array, ...]]:
-    """Some rows of arrays, and of tuples of arrays."""
     return {k: tuple(a[rows] for a in v) if isinstance(v, tuple) else v[rows] for k, v in known.items()}
 
 

@@ -28,37 +28,23 @@ MAIN_DIRECTION_COSINE = 0.9  # cosine: a move in about that direction
 
 @dataclass(frozen=True)
 class Reason:
-    """One requirement that cannot be met.
+    """One requirement that cannot be met."""
 
-    Args:
-        requirement: its name: ``target``, ``tool_axis``, ``JOINT.limits``, or that of a term or obstacle.
-        message: a sentence for reports.
-        amount: by how much it fails, in ``unit``: m, rad, or that of the term.
-    """
-
-    requirement: str
+    requirement: str  # target, tool_axis, JOINT.limits, a term or an obstacle
     message: str
-    amount: float
+    amount: float  # by how much it fails [unit]
     unit: str
 
 
 @dataclass(frozen=True)
 class Relaxation:
-    """A change that makes the task possible: it was made and solved with the digits that are printed.
+    """A change that makes the task possible: it was made and solved with the digits that are printed."""
 
-    Args:
-        change: what to change, in words.
-        reasons: what is missed until then.
-        posture: joint name -> rad or m, which then does the task.
-        cost: compares changes: a move in units of the arm's size, angles in rad, bounds relative to their size.
-        changes: the keys of the problem file with their new values.
-    """
-
-    change: str
-    reasons: tuple[Reason, ...]
-    posture: dict[str, float]
-    cost: float
-    changes: tuple[Change, ...] = ()
+    change: str  # in words
+    reasons: tuple[Reason, ...]  # missed until then
+    posture: dict[str, float]  # joint -> rad or m, which then does the task
+    cost: float  # move in arm sizes, angle in rad, relative bound
+    changes: tuple[Change, ...] = ()  # of keys of the problem file
 
     def to_json(self) -> dict[str, Json]:
         """Plain numbers, SI; ``set`` maps keys of the problem file to what they would be, null where they would go."""
@@ -71,9 +57,6 @@ class Relaxation:
 
 
 def plane_reason(reach: Reach, target: TaskTarget) -> Reason | None:
-    """The reason why an arm that moves in a plane, or on a line, cannot reach a target outside of it; None where it
-    can.
-    """
     if not reach.misses(target.lower, target.upper):
         return None
     distance = float(np.linalg.norm(reach.outside(target.lower, target.upper)))
@@ -83,11 +66,7 @@ def plane_reason(reach: Reach, target: TaskTarget) -> Reason | None:
 
 @dataclass(frozen=True)
 class Reasons:
-    """The reasons that one compromise shows: what is missed at its posture.
-
-    Args:
-        elastic: the problem that the compromise ``way`` solves.
-    """
+    """The reasons that the compromise ``way`` shows: what is missed at its posture."""
 
     problem: OptimisationProblem
     elastic: ElasticProblem
@@ -100,7 +79,6 @@ class Reasons:
         return tuple(reason for name in names if lacking[name] > 0 for reason in self._of_one(name, lacking[name]))
 
     def _of_one(self, name: str, amount: float) -> list[Reason]:
-        """What is missed of a requirement: of limits and held joints, of each joint."""
         if name == TARGET:
             return [self._target()]
         if name == AXIS:
@@ -112,21 +90,18 @@ class Reasons:
         return [self._too_near(name, amount)] if name in self.elastic.in_cell else [self._term(name)]
 
     def _target(self) -> Reason:
-        """How far the nearest point is that the tool reaches."""
         point = np.array(self.problem.tool_point.walk(self.way.q.tolist())[0].position, dtype=float)
         distance = float(np.linalg.norm(np.clip(point, self.target.lower, self.target.upper) - point))
         message = f"the target is out of reach by {_plain(distance * 1e3)} mm{self._condition()}"
         return Reason(TARGET, message, distance, "m")
 
     def _condition(self) -> str:
-        """What holds at the nearest point, in addition to the limits of the joints."""
         axis = ["the tool axis along the direction"] if self.problem.axis_rows else []
         further = [name for name in self.elastic.further if name != SELF_CLEARANCE_ROW]
         conditions = [*axis, *(["all further requirements met"] if further else [])]
         return f" with {' and '.join(conditions)}" if conditions else ""
 
     def _axis(self, missing: float) -> Reason:
-        """The angle that the tool axis comes to."""
         reached, allowed = shown_apart(self.target.tilt + missing, self.target.tilt, "rad")
         axis = ", ".join(f"{v:g}" for v in self.problem.task.tool_axis)
         message = (
@@ -136,7 +111,6 @@ class Reasons:
         return Reason(AXIS, message, missing, "rad")
 
     def _limits(self) -> list[Reason]:
-        """Each joint that would have to leave its limits, and by how much."""
         found = []
         for value, joint in zip(self.way.q, self.problem.robot.joints, strict=True):
             amount = max(joint.lower - value, value - joint.upper, 0.0)
@@ -151,7 +125,6 @@ class Reasons:
         return found
 
     def _held(self) -> list[Reason]:
-        """Each joint that would have to stand elsewhere."""
         found = []
         for k, value in self.elastic.held.items():
             joint, off = self.problem.robot.joints[k], abs(float(self.way.q[k] - value))
@@ -178,10 +151,7 @@ class Reasons:
         return _row_reason(rows[k], *values[k])
 
     def _too_near(self, name: str, missing: float) -> Reason:
-        """A distance of the cell: below zero by what an obstacle has to give for links to be clear of it.
-
-        Where nothing overlaps it is the exact one, which may be more than the lower bound that is missed.
-        """
+        """A distance of the cell: below zero by what an obstacle must give; exact where nothing overlaps."""
         between, nearest, required = self.elastic.cell.scene.closest(name, self.way.q)
         bound = required - missing
         exact = bound < nearest < required and (nearest >= 0 or name == SELF_CLEARANCE_ROW)
@@ -192,7 +162,6 @@ class Reasons:
 
 
 def _row_reason(row: Row, value: float, low: float, high: float) -> Reason:
-    """What a row of a term reaches, and what is required."""
     reached, bound = row.shown(value), row.shown(low if value < low else high)
     reached_text, stated = shown_apart(reached, bound, row.unit)
     if reached < bound:
@@ -203,11 +172,7 @@ def _row_reason(row: Row, value: float, low: float, high: float) -> Reason:
 
 
 def way_words(problem: OptimisationProblem, target: TaskTarget, q: Array, shift: Array) -> str:
-    """Words for the direction of a move (3,) [m], where there are some.
-
-    Args:
-        q: (n,) a posture, for where the arm stands.
-    """
+    """Words for the direction of a move (3,) [m], for an arm that stands in posture q (n,)."""
     distance = float(np.linalg.norm(shift))
     screws = problem.tool_point.walk(q.tolist())[0].screws
     foot = np.array(screws[len(problem.robot.base)].origin, dtype=float)
@@ -244,7 +209,6 @@ def shown(value: float, unit: str, digits: int = 4) -> str:
 
 
 def _plain(value: float, digits: int = 4) -> str:
-    """A number with so many significant digits or more, and no exponent where it is large."""
     text = f"{value:.{digits}g}"
     return f"{value:.0f}" if "e+" in text else text
 
@@ -275,11 +239,7 @@ _ROUNDING = 1e-3
 
 @dataclass(frozen=True)
 class ChangedValue:
-    """A number with as many digits as are printed.
-
-    Args:
-        value: [SI], of exactly those digits; ``text`` as the file states it.
-    """
+    """A number [SI] of exactly the digits that are printed, and its text."""
 
     value: float
     text: str
@@ -287,22 +247,13 @@ class ChangedValue:
 
 @dataclass(frozen=True)
 class Change:
-    """Another value at a key of the problem file.
+    """Another value at a key of the problem file."""
 
-    Args:
-        key: parts of the key; entries of a list by their name or number.
-        value: in SI units and radians, as the section holds it; None removes the entry.
-        text: as the file states it.
-        words: what to do.
-        looser: 1 where a larger value asks for less, −1 where a smaller one does, 0 for a pair of limits and for a
-            place, of which no other asks for less.
-    """
-
-    key: tuple[str | int, ...]
-    value: Any
-    text: Json
+    key: tuple[str | int, ...]  # entries of a list by name or number
+    value: Any  # SI, as the section holds it; None removes the entry
+    text: Json  # as the file states it
     words: str
-    looser: int = 0
+    looser: int = 0  # 1: larger asks for less; −1: smaller does; 0: a pair of limits, a place
 
     @property
     def path(self) -> str:
@@ -325,7 +276,6 @@ class Change:
 
 
 def _pair(text: Json) -> Sequence[Json]:
-    """The two texts of a pair of limits."""
     assert isinstance(text, list)
     return text
 

@@ -33,17 +33,12 @@ DISTANCE_ROUNDING = 1e-9  # m: rounding of a distance
 
 @dataclass(frozen=True)
 class SearchOutcome:
-    """What random starts and a sweep led to.
-
-    Args:
-        found: the global search; ``swept`` the sweep, None where the problem allows none.
-        by_starts, by_sweep: feasible postures that each led to.
-    """
+    """What random starts and a sweep led to."""
 
     engine: Engine
     found: MultistartResult
-    swept: Sweep | None
-    by_starts: tuple[CandidatePosture, ...]
+    swept: Sweep | None  # None where the problem allows none
+    by_starts: tuple[CandidatePosture, ...]  # feasible
     by_sweep: tuple[CandidatePosture, ...]
 
     @classmethod
@@ -54,7 +49,6 @@ class SearchOutcome:
 
     @cached_property
     def feasible(self) -> list[CandidatePosture]:
-        """All of them, best first."""
         return sorted(self.by_starts + self.by_sweep, key=rank)
 
     def clear_of(self, scene: Keeper) -> SearchOutcome | None:
@@ -72,13 +66,7 @@ class SearchOutcome:
 
 
 def searched(seek: Seek, free: Engine, guarded: Callable[[], Engine], scene: Keeper) -> SearchOutcome:
-    """The outcome of a search among postures that are clear of collisions.
-
-    Args:
-        seek: the search, run once or, where its best posture collides, twice.
-        free: the engine without rows that keep the arm clear; ``guarded`` makes the one with them.
-        scene: exact distances, which decide.
-    """
+    """The outcome of ``seek`` without rows for collisions; with ``guarded`` ones where its best posture collides."""
     outcome = SearchOutcome.of(free, *seek(free))
     if not scene.active or not outcome.feasible:
         return outcome
@@ -98,10 +86,7 @@ def clear_ones(candidates: tuple[CandidatePosture, ...], scene: Keeper) -> tuple
 
 
 def is_clear(scene: Keeper, Q: Array) -> Mask:
-    """Whether the postures Q (N, n) [rad or m] keep the distance that is asked for, (N,).
-
-    By exact distances between all bodies, up to a rounding of 1e-9 m.
-    """
+    """(N,) whether postures Q (N, n) [rad or m] keep the distance asked for, by exact distances."""
     if not len(Q):
         return np.zeros(0, dtype=bool)
     return np.asarray(scene.slack(Q) >= -DISTANCE_ROUNDING)
@@ -114,46 +99,29 @@ _GRID_VALUES = 91  # values of each joint: steps of 4° over a turn
 
 @dataclass(frozen=True)
 class Sweep:
-    """A systematic sweep.
+    """A systematic sweep."""
 
-    Args:
-        over: what was swept, in words; ``points`` in how many points, ``feasible`` of them met every requirement.
-        best: the best of these, before it is improved.
-    """
-
-    over: str
+    over: str  # what was swept, in words
     points: int
-    feasible: int
-    best: CandidatePosture
+    feasible: int  # points that met every requirement
+    best: CandidatePosture  # before it is improved
 
 
 @dataclass(frozen=True)
 class SearchStatistics:
-    """How the answer was searched for.
+    """How the answer was searched for."""
 
-    Args:
-        tried: random postures that were led towards the target.
-        starts: those of them that arrived, with the tool axis as it should be.
-        polished: local searches; ``converged`` of the distinct optima kept are so by first-order conditions.
-        distinct: different local optima among them; ``hits`` of the polished starts ended at the best one.
-        sampled: those of these that meet all further requirements too.
-        sweep: a systematic sweep in addition to the random starts, or None; ``sweep_sigma`` its best [m].
-        batches: independent searches of as many starts; ``recurred`` of them found the best optimum.
-        seconds: wall time.
-        confirmation: what the solver of the problem says of the answer; None where it was not asked.
-    """
-
-    starts: int
-    tried: int
-    polished: int
-    converged: int
-    distinct: int
-    hits: int
-    sampled: Sampled
+    starts: int  # random postures that arrived
+    tried: int  # random postures
+    polished: int  # local searches
+    converged: int  # distinct optima by first-order conditions
+    distinct: int  # local optima
+    hits: int  # starts that ended at the best one
+    sampled: Sampled  # starts that met every requirement
     sweep: Sweep | None
-    sweep_sigma: float
+    sweep_sigma: float  # its best [m]
     batches: int
-    recurred: int
+    recurred: int  # batches that found the best optimum
     seconds: float
     confirmation: Confirmation | None = None
 
@@ -187,7 +155,6 @@ class SearchStatistics:
 
     @property
     def feasible(self) -> int:
-        """How many starts met every requirement."""
         return len(self.sampled.Q)
 
     @property
@@ -219,11 +186,7 @@ class SearchStatistics:
 
 
 def sweep(engine: Engine, target: TaskTarget, rng: np.random.Generator) -> Sweep | None:
-    """The sweep that the problem allows: over both joint angles, or over the spin of the tool; else None.
-
-    It covers the whole of what is free, so that random starts can be compared with it in every run: 91 x 91 postures
-    of an arm with two joints, or 120 spins of the tool with eight starts each where one degree of freedom is left.
-    """
+    """Sweep over both joint angles (91 x 91), or over the spin (120 x 8 starts); None where more is free."""
     robot, problem = engine.robot, engine.optimisation_problem
     if robot.n <= 2 and target.kind != "point":
         axes = [np.linspace(low, high, _GRID_VALUES) for low, high in zip(robot.lower, robot.upper, strict=True)]
@@ -238,10 +201,7 @@ def sweep(engine: Engine, target: TaskTarget, rng: np.random.Generator) -> Sweep
 
 
 def _spun(engine: Engine, target: TaskTarget, rng: np.random.Generator) -> Array:
-    """Postures (k, n) that reach the target with the tool's spin held at each of many angles, every branch sought anew.
-
-    At the spin φ the spin vector is ``cos φ b₁ + sin φ b₂`` with the unit vectors b across the wanted axis.
-    """
+    """Postures (k, n) on the target at spins φ, where the spin vector is ``cos φ b₁ + sin φ b₂``."""
     angles = np.repeat(np.arange(_SPIN_STEPS) * 2 * np.pi / _SPIN_STEPS, _STARTS_PER_SPIN)
     spin = np.cos(angles)[:, None] * target.axis_basis[:, 0] + np.sin(angles)[:, None] * target.axis_basis[:, 1]
     request = PoseRequest(target.lower, target.axis, spin, np.ones(3))
@@ -271,14 +231,7 @@ _RIVAL_GAP = 0.02  # of the objective: an optimum that is worse by more is the b
 def confirmed(
     engine: Engine, best_first: Sequence[CandidatePosture], target: TaskTarget, scene: Scene
 ) -> tuple[list[CandidatePosture], Confirmation | None]:
-    """The postures after the solver of the problem has been started at the best few, and what it says of the best one.
-
-    None where the rows are more than the joints, as of an arm that meets some of them by its build.
-
-    Args:
-        best_first: feasible postures of a search.
-        scene: what the ends keep clear of, by exact distances.
-    """
+    """The postures after the solver was started at the best few, and its word; None with more rows than joints."""
     given = best_first[0]
     if not engine.confirming.solvable(target.parameters):
         return list(best_first), None
@@ -298,7 +251,6 @@ def confirmed(
 
 
 def _rivals(best_first: Sequence[CandidatePosture]) -> Sequence[CandidatePosture]:
-    """The optima next to the best one; those that are as good, such as mirror images, are none."""
     best = best_first[0].objective
     more = [(one.objective - best) / max(abs(best), _BETTER) for one in best_first[1:]]
     near = [one for one, gap in zip(best_first[1:], more, strict=True) if _BETTER < gap <= _RIVAL_GAP]
@@ -308,10 +260,7 @@ def _rivals(best_first: Sequence[CandidatePosture]) -> Sequence[CandidatePosture
 def _ended(
     engine: Engine, start: CandidatePosture, target: TaskTarget, scene: Scene
 ) -> tuple[CandidatePosture | None, Confirmation]:
-    """Where the solver ends from a posture, None where that is no optimum of what is asked for; and what it says.
-
-    Where it leaves the posture for a worse one, it is tried once more with the barrier that it has for other starts.
-    """
+    """Where the solver ends, None where that is no optimum; a worse end is tried once more with a larger barrier."""
     parameters = target.parameters
     first = _said(engine, start, target, scene, engine.confirming.solve(start.q, parameters))
     if not first[1].differs or (first[0] is not None and first[0].objective < start.objective):
@@ -324,7 +273,6 @@ def _ended(
 def _said(
     engine: Engine, start: CandidatePosture, target: TaskTarget, scene: Scene, outcome: Outcome
 ) -> tuple[CandidatePosture | None, Confirmation]:
-    """The same of one outcome."""
     if not np.all(np.isfinite(outcome.x)):
         return None, Confirmation(engine.solver.kind, outcome.iterations, np.nan, np.nan)
     end = engine.candidates(outcome.x[None], target)[0]
@@ -338,5 +286,4 @@ def _said(
 
 
 def _apart(end: CandidatePosture, start: CandidatePosture) -> float:
-    """Relative difference of two standard deviations."""
     return abs(end.sigma - start.sigma) / max(end.sigma, start.sigma, _NO_SIGMA_M)

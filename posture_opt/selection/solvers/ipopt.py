@@ -52,7 +52,6 @@ class Ipopt(Solver):
 
     @property
     def _near_a_start(self) -> dict[str, Any]:
-        """Starts are feasible: begin near them, with a small barrier, instead of walking away from them."""
         return {
             "ipopt.tol": self.tolerance,
             "ipopt.mu_init": 1e-6,
@@ -63,7 +62,6 @@ class Ipopt(Solver):
 
     @property
     def _at_an_optimum(self) -> dict[str, Any]:
-        """Starts are optima: nearly with the barrier of the last iteration, and with multipliers by least squares."""
         # Ten times the last barrier, so that at least one iteration is made.
         return {
             "ipopt.tol": min(CONFIRMING_TOLERANCE, self.tolerance),

@@ -69,9 +69,4 @@ class Solver(Spec):
 
     @abstractmethod
     def build(self, nlp: Nlp, *, confirms: bool = False) -> Polish:
-        """A function that solves ``nlp`` locally, again and again: (start (n,), target parameters (30,), ends of
-        variables and rows) -> outcome.
-
-        Args:
-            confirms: starts are optima that another method found: tolerances are as tight as rounding allows.
-        """
+        """(start (n,), target parameters (33,), ends) -> outcome; ``confirms``: starts are optima."""

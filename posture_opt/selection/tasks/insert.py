@@ -37,11 +37,6 @@ class Insert(Task):
 
     @model_validator(mode="after")
     def _whole_peg(self) -> Insert:
-        """Whether what the file says of the peg is enough for what it asks.
-
-        Raises:
-            BadValueError: only one of diameter and friction, or either without length and clearance.
-        """
         if (self.diameter is None) != (self.friction is None):
             raise BadValueError(
                 "diameter and friction determine the probability of wedging together", "state both or neither"

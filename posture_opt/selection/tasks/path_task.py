@@ -60,7 +60,6 @@ class PathTask(Task):
 
     @property
     def on_path(self) -> bool:
-        """Whether there is a path to follow."""
         return self.points is not None or self.path is not None
 
     @property
@@ -99,11 +98,7 @@ class PathTask(Task):
         return self.points
 
     def with_points(self, points: tuple[Point, ...], axes: tuple[Direction, ...] | None) -> PathTask:
-        """The same task with the points [m] and tool axes that its file holds.
-
-        Raises:
-            BadValueError: a closed path that does not end where it begins.
-        """
+        """The same task with the points [m] and tool axes of its file."""
         found = self.model_copy(update={"points": points, "axes": axes})
         found.check_closed()
         return found
@@ -114,11 +109,7 @@ class PathTask(Task):
         return self.speed if isinstance(self.speed, float) else None
 
     def check_closed(self) -> None:
-        """Refuse a closed path that does not end where it begins, with the tool axis that it begins with.
-
-        Raises:
-            BadValueError: it does not.
-        """
+        """Refuse a closed path with another end than its beginning."""
         if not self.closed or self.points is None:
             return
         gap = math.dist(self.points[0], self.points[-1])
@@ -138,7 +129,6 @@ class PathTask(Task):
     @field_validator("points", mode="before")
     @classmethod
     def _not_too_many(cls, points: object) -> object:
-        """The points as they are, before any of them is read, unless they are too many."""
         if isinstance(points, list | tuple):
             MOST_PATH_POINTS.check(len(points))
         return points
@@ -146,7 +136,6 @@ class PathTask(Task):
     @field_validator("points", mode="after")
     @classmethod
     def _distinct_points(cls, points: tuple[Point, ...] | None, info: ValidationInfo) -> tuple[Point, ...] | None:
-        """The points, at least two, none of which repeats the one before: a path has a tangent everywhere."""
         if points is not None:
             if len(points) < 2:
                 raise BadValueError("a path has at least two points", "add points, or give the point as position")
@@ -157,7 +146,6 @@ class PathTask(Task):
     @model_validator(mode="before")
     @classmethod
     def _one_path(cls, data: object) -> object:
-        """The section as it is, where the target is stated in one way."""
         if isinstance(data, dict):
             given = [key for key in ("path", "points", "position", "region", "features") if data.get(key)]
             if len(given) > 1 and given[0] in ("path", "points"):
@@ -174,7 +162,6 @@ class PathTask(Task):
 
     @model_validator(mode="after")
     def _keys_of_a_path(self) -> PathTask:
-        """The task as it is, unless it says how to follow a path and has none, or is closed and ends elsewhere."""
         if (self.closed or self.speed is not None) and not self.on_path:
             raise BadValueError(
                 "closed and speed belong to a path, and none is given", "add points: [[…], …] or path: FILE.csv"
@@ -183,7 +170,6 @@ class PathTask(Task):
 
     @model_validator(mode="after")
     def _axes_belong_to_points(self) -> PathTask:
-        """The task as it is, where there is one axis for each point."""
         if self.axes is not None and (self.points is None or len(self.axes) != len(self.points)):
             raise BadValueError(
                 f"{len(self.axes)} axes for {len(self.points or ())} points",

@@ -38,7 +38,6 @@ class Region(Spec):
 
     @model_validator(mode="after")
     def _ordered(self) -> Region:
-        """The box as it is, unless a minimum is above its maximum."""
         for axis, low, high in zip("xyz", self.min, self.max, strict=True):
             if low > high:
                 raise BadValueError(f"the box is empty: min {low:g} m is above max {high:g} m in {axis}", "swap them")
@@ -168,7 +167,6 @@ class Task(Spec):
     @field_validator("position", mode="before")
     @classmethod
     def _three(cls, value: object, info: ValidationInfo) -> object:
-        """The position as it was given, with three entries: pydantic's own message does not say what to write."""
         if isinstance(value, list | tuple) and len(value) != 3:
             raise BadValueError(
                 f"a position has three coordinates, {len(value)} are given", "write [0.6 m, 0.2 m, 0.1 m]"
@@ -177,11 +175,6 @@ class Task(Spec):
 
     @model_validator(mode="after")
     def _one_target(self) -> Task:
-        """The task as it is, where target and criterion fit each other.
-
-        Raises:
-            BadValueError: two targets, a probability without a clearance or without a hole, or nothing to minimise.
-        """
         if self.position is not None and self.region is not None:
             raise BadValueError("position and region are both given", "keep one of them")
         if self.criterion == "miss" and not self._all_have_clearance:
@@ -196,12 +189,6 @@ class Task(Spec):
 
     @model_validator(mode="after")
     def _parts_of_a_workpiece(self) -> Task:
-        """The task as it is, where workpiece, features and ``combine`` fit each other.
-
-        Raises:
-            BadValueError: an empty list of features, features beside another target, a workpiece without features, or
-                ``combine`` without them.
-        """
         if "features" in self.model_fields_set and not self.features:
             raise BadValueError("features is an empty list", "name the places, or leave the key out")
         if self.features and (self.position is not None or self.region is not None):
@@ -217,12 +204,6 @@ class Task(Spec):
         return self._combinable()
 
     def _combinable(self) -> Task:
-        """The same task, where what it makes small of each feature can be combined as it says.
-
-        Raises:
-            BadValueError: a joint probability of a task without hole, with a peg, or without a clearance at some
-                feature.
-        """
         if self.combine == "success":
             if self.within == "all":
                 raise BadValueError(f"task {self.kind} has no hole to succeed at", "use combine: worst or mean")
@@ -249,7 +230,6 @@ class Task(Spec):
 
     @property
     def _all_have_clearance(self) -> bool:
-        """Whether a clearance is known wherever the task is done."""
         if self.clearance is not None:
             return True
         return bool(self.features) and all(feature.clearance is not None for feature in self.features)

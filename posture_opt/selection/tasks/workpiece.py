@@ -80,11 +80,6 @@ class Workpiece(Spec):
 
     @model_validator(mode="after")
     def _with_unit(self) -> Workpiece:
-        """The workpiece as it is, where its file has a unit.
-
-        Raises:
-            BadValueError: a file without a unit, or a unit without a file.
-        """
         if self.file is not None and self.unit is None:
             raise BadValueError("the unit of the lengths in the file is missing", "add unit: mm")
         if self.file is None and self.unit is not None:
@@ -92,18 +87,13 @@ class Workpiece(Spec):
         return self
 
     def in_folder(self, folder: Path) -> Workpiece:
-        """The same workpiece with the whole path of its file, which is read.
-
-        Raises:
-            InputError: as of an obstacle of kind mesh.
-        """
+        """The same workpiece with the whole path of its file, which is read."""
         if self.file is None:
             return self
         return self.model_copy(update={"file": self._mesh(self.lower).in_folder(folder).file})
 
     @property
     def fixed(self) -> bool:
-        """Whether its place is stated, and not found."""
         return self.lower == self.upper
 
     @property
@@ -160,11 +150,6 @@ class Feature(Spec):
 
 
 def _distinct(features: tuple[Feature, ...]) -> tuple[Feature, ...]:
-    """The features, each with a name of its own and no more than were tried.
-
-    Raises:
-        BadValueError: two of one name, or too many.
-    """
     names = [feature.name for feature in features]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
@@ -177,11 +162,6 @@ Features = Annotated[tuple[Feature, ...], AfterValidator(_distinct)]
 
 
 def _nonzero(vector: tuple[float, float, float]) -> tuple[float, float, float]:
-    """The vector as it is, unless its length is below 1e-12.
-
-    Raises:
-        BadValueError: it points nowhere.
-    """
     if math.hypot(*vector) < 1e-12:
         raise BadValueError("a direction of length zero points nowhere", "write for example [0, 0, -1]")
     return vector

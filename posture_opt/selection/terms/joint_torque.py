@@ -67,7 +67,6 @@ class JointTorque(Term):
         return -most, most
 
     def _joints(self, robot: Robot) -> list[int]:
-        """The joints whose torque is bounded or minimised: those named, else all that turn."""
         if isinstance(self.at_most, dict):
             return joints_named(self.at_most, robot)
         return [k for k, joint in enumerate(robot.joints) if joint.type == "revolute"]

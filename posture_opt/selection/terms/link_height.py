@@ -37,9 +37,6 @@ class LinkHeight(BoundedTerm):
         return [f"link_height behind {at.robot.joints[k].name}" for k in self._moving(at)]
 
     def _moving(self, at: Quantities) -> list[int]:
-        """Indices of the links whose end a joint can raise: what no joint moves, the shoulder on its column, is as high
-        as it was built.
-        """
         return [k for k in range(at.frames.shape[1]) if ca.depends_on(at.frames[2, k], at.q)]
 
     def bounds(self) -> tuple[float, float]:

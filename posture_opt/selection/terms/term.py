@@ -64,21 +64,16 @@ class Quantities:
 
     @property
     def robot(self) -> Robot:
-        """The arm without effects."""
         return self.tool_point.robot
 
     def projected(self, within: Within) -> tuple[ca.SX, ca.SX]:
-        """Covariance ``Bᵀ C B`` (m, m) [m²] and bias ``Bᵀ b`` (m,) [m] of a part of the spread, in the basis B of that
-        part.
-        """
+        """Covariance ``Bᵀ C B`` (m, m) [m²] and bias ``Bᵀ b`` (m,) [m] in the basis B of a part of the spread."""
         basis = self.bases[within]
         return basis.T @ self.covariance @ basis, basis.T @ self.bias
 
     @cached_property
     def ends(self) -> tuple[tuple[ca.SX, ca.SX], ...]:
-        """Covariance (m, m) [m²] and bias (m,) [m] of what the task depends on: of the tool point, and of a peg's other
-        end.
-        """
+        """Covariance (m, m) [m²] and bias (m,) [m] of the tool point, and of a peg's other end."""
         basis, every = self.bases[self.within], [self.projected(self.within)]
         if self.part is not None:
             moments = self.part.behind(self.tool_point).moments(ca.vertsplit(self.q))
@@ -88,11 +83,7 @@ class Quantities:
 
     @cached_property
     def minded(self) -> tuple[ca.SX, ...]:
-        """Covariances [m²] that the criterion takes: of the ends; of a part with a lever its shift and lever × yaw.
-
-        With the lever l and the direction d the vector is ``(Bᵀ x, l dᵀ φ)``, of m + 1 entries: its trace is the mean
-        square shift of points spread evenly at that lever. The rotation φ [rad] is of first order.
-        """
+        """Covariances [m²] of the ends; with a lever l of ``(Bᵀ x, l dᵀ φ)``, φ [rad] of first order."""
         if not self.yaw_lever:
             return tuple(C for C, _ in self.ends)
         basis, pose = self.bases[self.within], ca.SX(self.tool_point.pose_first_order(ca.vertsplit(self.q), self.walk))
@@ -106,18 +97,12 @@ class Quantities:
 
     @property
     def variance(self) -> ca.SX:
-        """Variance [m²] along the worst axis of what the task depends on, of the worse end; a yaw does not count here.
-
-        Postures are compared by its root, ``sigma_max``, whatever the criterion that is minimised.
-        """
+        """Variance [m²] along the worst axis, of the worse end: the square of ``sigma_max``; a yaw does not count."""
         return criteria.largest([criteria.worst(C) for C, _ in self.ends])
 
     @cached_property
     def log_miss(self) -> ca.SX:
-        """Logarithm of the probability that the tool point lies outside of the clearance.
-
-        Of a peg the sum over its ends: no less than the probability that either misses, and at most twice that.
-        """
+        """Logarithm of the probability to miss; of a peg the sum over its ends, at most twice that of either."""
         misses = [criteria.log_miss(C, bias, self.clearance) for C, bias in self.ends]
         return misses[0] if len(misses) == 1 else ca.logsumexp(ca.vertcat(*misses))
 
@@ -173,10 +158,7 @@ class Term(Spec):
 
     @property
     def subjects(self) -> dict[tuple[str, ...], str]:
-        """What it speaks of, and in words: no two terms of a list may bound, hold or minimise the same.
-
-        Keys are the kind and what of its fields says which quantity it is.
-        """
+        """Kind and fields that say which quantity it is -> words; no two terms of a list may have the same."""
         bounds = {"kind", "weight", "at_least", "at_most"}
         return {(self.kind, *(repr(v) for k, v in self if k not in bounds)): self.kind}
 
@@ -184,9 +166,7 @@ class Term(Spec):
         """Raise BadValueError where the term does not fit the robot: a joint that it has not, a mass not stated."""
 
     def for_robot(self, robot: Robot, bounded: bool) -> Term:
-        """The term with what the robot has for it: values for names; in ``subject_to``, where the term is ``bounded``,
-        bounds where it states none itself.
-        """
+        """The term with named values of the robot, and in ``subject_to`` (``bounded``) with its bounds."""
         return self
 
     def held(self, robot: Robot) -> dict[int, float]:
@@ -210,11 +190,7 @@ class Term(Spec):
         """Lower and upper bound of every entry, infinite where there is none."""
 
     def bounds_of(self, at: Quantities) -> list[tuple[float, float]]:
-        """Lower and upper bound of each entry [unit].
-
-        Raises:
-            InputError: the term is in ``subject_to`` and states no bound.
-        """
+        """Lower and upper bound of each entry [unit]; an InputError without any."""
         low, high = self.bounds()
         if math.isinf(low) and math.isinf(high):
             raise InputError(
@@ -223,7 +199,6 @@ class Term(Spec):
         return [self.bounds()] * len(self.labels(at))
 
     def units_of(self, at: Quantities) -> list[str]:
-        """SI unit of each entry."""
         return [self.unit] * len(self.labels(at))
 
     def stated(self) -> list[Stated]:
@@ -256,11 +231,6 @@ class BoundedTerm(Term):
 
 
 def joints_named(names: Iterable[str], robot: Robot) -> list[int]:
-    """The indices of the joints of these names, in the order of the names.
-
-    Raises:
-        BadValueError: a name that no joint has; the hint holds the nearest one.
-    """
     known = robot.joint_names
     for name in names:
         if name not in known:
@@ -269,12 +239,7 @@ def joints_named(names: Iterable[str], robot: Robot) -> list[int]:
 
 
 def joint_values(values: Mapping[str, JointQuantity], robot: Robot, *, within_limits: bool = False) -> dict[int, float]:
-    """Joint index -> value [rad or m], from quantities with their units.
-
-    Raises:
-        BadValueError: a name that no joint has, an angle for a prismatic joint, a length for a revolute one, or a
-            value beyond the limits where ``within_limits`` is set.
-    """
+    """Joint index -> value [rad or m]; BadValueError for another dimension, or beyond limits that are to be kept."""
     found = {}
     for index, (name, given) in zip(joints_named(values, robot), values.items(), strict=True):
         joint = robot.joints[index]
