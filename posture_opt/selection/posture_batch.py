@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 MOST_PAGES = 20
 """Answers that bring a page of their own: drawing an arm takes a second or two, and a page some 0.5 MB."""
 _FAILURES = {2: "with bad input", 3: "without a solution", 4: "with too few data", 1: "stopped by a defect"}
-_DEFECT_EXIT_CODE = 1  # exit code of what is no one's input
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,7 +215,7 @@ def solved(seed: int | None, item: tuple[ProblemData, bool]) -> list[Any]:
     except PostureOptError as error:
         return _failed(error)
     except Exception as error:
-        return [_DEFECT_EXIT_CODE, [f"{type(error).__name__}: {error} (a defect of this program)"], None, None]
+        return [1, [f"{type(error).__name__}: {error} (a defect of this program)"], None, None]
 
 
 def _page_of(solution: Solution) -> list[str]:

@@ -44,7 +44,6 @@ class Attempt(NamedTuple):
     digits: int = 0
 
 
-_BOUND_DIGITS = 4  # significant ones, of the bound of a term
 ATTEMPTS = (Attempt(0.0), Attempt(0.003), Attempt(0.02), Attempt(0.0, 4), Attempt(0.003, 3))
 """In this order; the last ones are for what has one value that does, or must lie in a plane: rounding leaves both."""
 PLANE_DECIMALS = 1, 4, 7  # of a move in mm onto the plane of an arm
@@ -141,7 +140,7 @@ class Changes:
             joint = [term.stated()[k].joint] if isinstance(getattr(term, word), dict) else []
             key: tuple[str | int, ...] = ("task", "subject_to", number, word, *joint)
             given = reached + side * self.attempt.more * abs(reached - bound)
-            digits = decimals_for(given, row.unit, _BOUND_DIGITS + self.attempt.digits)
+            digits = decimals_for(given, row.unit, 4 + self.attempt.digits)  # significant digits of a bound: 4
             found.setdefault(key, []).append(rounded(given, row.unit, digits, side))
             bounds[key] = f"{word} of {row.name if joint else name} to {{}} (now {stated_text(bound, row.unit)})"
         changes = []

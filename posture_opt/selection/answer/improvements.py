@@ -29,11 +29,6 @@ if TYPE_CHECKING:
 
 MIN_GAIN = 0.005
 """A smaller relative gain is none."""
-_MIN_VARIANCE_SHARE = 0.01  # of the variance: sources with a smaller share are not asked about
-_MAX_SOURCES = 8  # of them
-_SHIFT_SHARE = 0.05  # of the size of the workspace: how far the part is moved, rounded down to 1, 2 or 5
-_SHIFT_DIRECTIONS = 8  # directions across that of the task
-_MAX_START_ALTERNATIVES = 4  # other postures that the moved part is tried with
 
 
 @dataclass(frozen=True)
@@ -143,10 +138,8 @@ def _weighty(stations: Sequence[AnsweredStation], sources: Sources) -> list[tupl
         for share in station.budget:
             shares[share.parameter] = max(shares.get(share.parameter, 0.0), share.share)
     sigma = dict(zip(map(stated_name, sources.names), map(float, sources.sigma), strict=True))
-    ranked = sorted(
-        (name for name in shares if shares[name] >= _MIN_VARIANCE_SHARE and name in sigma), key=lambda n: -shares[n]
-    )
-    return [(name, sigma[name]) for name in ranked[:_MAX_SOURCES]]
+    ranked = sorted((name for name in shares if shares[name] >= 0.01 and name in sigma), key=lambda n: -shares[n])
+    return [(name, sigma[name]) for name in ranked[:8]]
 
 
 def _halved(sources: Sources, name: str) -> Sources:
@@ -164,7 +157,7 @@ def _moved(place: MovableAnswer, before: float) -> tuple[float, tuple[float, flo
     engine = place.engine or Engine(problem, place.problem.solver, compiled=False)
     known = [
         place.q,
-        *(np.array(list(a.posture.values())) for a in place.alternatives[1 : 1 + _MAX_START_ALTERNATIVES]),
+        *(np.array(list(a.posture.values())) for a in place.alternatives[1:5]),
     ]
     of = np.repeat(np.arange(len(targets)), len(known))
     ends = engine.descended_each(np.tile(np.array(known), (len(targets), 1)), targets, of, STEPS)
@@ -180,18 +173,14 @@ def _moved(place: MovableAnswer, before: float) -> tuple[float, tuple[float, flo
 
 def _shifts(target: TaskTarget, reach: Reach) -> list[Array]:
     """Short shifts (3,) [m] across the direction of the task and along it; of a planar arm within its plane."""
-    length, within = round_below(_SHIFT_SHARE * reach.radius), reach.directions @ reach.directions.T
+    # 5 % of the workspace, rounded down to 1, 2 or 5
+    length, within = round_below(0.05 * reach.radius), reach.directions @ reach.directions.T
     axes = [axis for axis in (*target.basis.T, target.direction) if np.linalg.norm(within @ axis) > 0.5]
-    angles = 2 * np.pi * np.arange(_SHIFT_DIRECTIONS) / _SHIFT_DIRECTIONS
+    angles = 2 * np.pi * np.arange(8) / 8
     around = np.round(np.column_stack([np.cos(angles), np.sin(angles)]), 15)  # a quarter turn leaves no 1e-17
     ways = [w @ np.array(axes[:2]) for w in around] if len(axes) > 1 else [axes[0], -axes[0]]
     ways += [sign * axis for axis in axes[2:] for sign in (1.0, -1.0)]
     return [length * way for way in ways]
-
-
-_MEASURED_POSTURES = 30  # as many as ISO 9283 takes repeats; a 6R arm's parameters need far fewer
-_DRAWN_PER_POSTURE = 10  # times as many, of which those are kept that are clear of collisions
-_INSTRUMENT_SIGMA_M = 0.05e-3  # m: a laser tracker with its target in a nest, where the file states no instrument
 
 
 @dataclass(frozen=True)
@@ -206,7 +195,8 @@ class Calibrating:
     def of(cls, problem: ProblemData) -> Calibrating:
         """With the instrument of positions that the problem states; 0.05 mm is assumed where it states none."""
         stated = 0.0 if problem.measurement is None else problem.measurement.position
-        return cls(_MEASURED_POSTURES, stated or _INSTRUMENT_SIGMA_M, not stated)
+        # 30 postures, as many as ISO 9283 takes repeats; 0.05 mm: a laser tracker
+        return cls(30, stated or 0.05e-3, not stated)
 
 
 @dataclass(frozen=True)
@@ -224,7 +214,6 @@ def after_calibration(problem: ProblemData, plan: Calibrating) -> KnownAfter | N
 
     J (3, k) is the sensitivity of the tool point, ``R = s²I + J S Jᵀ`` of instrument and scatter: linear least squares
     with the stated σ's as priors (Bar-Shalom, Li and Kirubarajan 2001, section 3.2).
-
     """
     sources = problem.sources
     remaining = sources.constant
@@ -242,9 +231,7 @@ def after_calibration(problem: ProblemData, plan: Calibrating) -> KnownAfter | N
 
 def _postures(problem: ProblemData, count: int) -> Array:
     """(N, n) random postures within the limits, clear of collisions where enough of them are."""
-    drawn = np.random.default_rng(0).uniform(
-        *drawn_between(problem.robot), (_DRAWN_PER_POSTURE * count, problem.robot.n)
-    )
+    drawn = np.random.default_rng(0).uniform(*drawn_between(problem.robot), (10 * count, problem.robot.n))
     clear = drawn[is_clear(problem.scene, drawn)] if problem.scene.active else drawn
     return (clear if len(clear) >= count else drawn)[:count]
 

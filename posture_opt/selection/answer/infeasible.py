@@ -31,15 +31,10 @@ from posture_opt.selection.search.search_outcome import SearchStatistics, is_cle
 from posture_opt.statements import Statement
 
 _POOL_POSTURES = 200  # random postures that are led towards the target: so many that of a reachable one some arrive
-_REACH_TOLERANCE = 0.01  # of the arm's reach, by which a target may be missed that is not clearly out of it
 _STARTS_NEAR_KNOWN = 3  # beside postures that are near already
-_STARTS_OF_ALL = 4  # where everything may give: each start leads to a compromise
-_STARTS_PER_ORDER = 6  # for a requirement that gives: those that lack least, and those that lack least of the others
 SEARCH = "search"
 """Name of the reason where nothing is known but that the search found nothing."""
-MAX_OBSTACLES = 3  # that are asked to give alone, of those that give together
 MAX_OFFERED = 4  # changes that are offered: each is solved first
-MAX_TRIALS = 6  # solves that this takes at most
 
 Does = Callable[[Sequence[Change], Array], bool]
 """Whether the problem with some changes has a solution; near the posture (n,) that they were read from, it should."""
@@ -239,7 +234,7 @@ class Infeasibility:
             return {}
         giving = [name for name in self._giving(whole) if name in rows] or list(rows[:1])
         found: dict[str, Compromise] = {}
-        for name in giving[:MAX_OBSTACLES]:
+        for name in giving[:3]:
             way = whole if len(giving) == 1 else self._least((name,), [whole.q, *near])
             if way is not None:
                 found[name] = way
@@ -271,9 +266,10 @@ class Infeasibility:
         # Postures that lack nothing else may be far from what is asked for; those that lack least in all are near.
         whole, others = self._cost(np.ones_like(held)), np.round(self._cost(held), 4)
         orders = np.argsort(whole), np.lexsort((self._cost(~held), others))
-        most = _STARTS_NEAR_KNOWN if len(near) else _STARTS_PER_ORDER
+        most = _STARTS_NEAR_KNOWN if len(near) else 6
         chosen = self._pool[np.column_stack([order[:most] for order in orders]).ravel()]  # in turn of either
-        starts = np.vstack([*near, chosen])[: _STARTS_OF_ALL if {TARGET, LIMITS} <= {*given} else None]
+        # Where everything may give, each start leads to a compromise
+        starts = np.vstack([*near, chosen])[: 4 if {TARGET, LIMITS} <= {*given} else None]
         way = self.elastic.least(self.target.parameters, given, starts)
         if way is None or TARGET not in given or not self._in_solid(way):
             return way
@@ -330,7 +326,7 @@ class Infeasibility:
         if self.problem.reach.excludes(self.target.lower, self.target.upper):
             return False
         misses = self.elastic.lacking(self._led(self._free, False), self.target.parameters)[:, 0]
-        return bool(np.nanmin(misses) < _REACH_TOLERANCE * self.problem.reach.radius)
+        return bool(np.nanmin(misses) < 0.01 * self.problem.reach.radius)
 
     def _led(self, ik: InverseKinematics, with_axis: bool) -> Array:
         """(N, n) random postures after inverse kinematics towards the target, with or without its tool axis."""
@@ -362,7 +358,7 @@ def first_that_does(
 
 
 def limited(does: Does) -> Does:
-    left = iter(range(MAX_TRIALS))
+    left = iter(range(6))
 
     def asked(changes: Sequence[Change], near: Array) -> bool:
         """Whether the problem with some changes is solved; no, once enough were tried."""

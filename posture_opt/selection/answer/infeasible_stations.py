@@ -26,8 +26,6 @@ from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.elastic_problem import TARGET, Compromise
 from posture_opt.selection.search.relaxation import Change, Reason, Relaxation, plane_reason
 
-_MAX_STATIONS = 40  # that fail and are asked, spread evenly
-
 
 @dataclass(frozen=True)
 class _SharedWay:
@@ -54,7 +52,8 @@ def explain_stations(inquiry: Infeasibility, targets: Sequence[TaskTarget], name
     if outside:
         reason, name = max(outside, key=lambda pair: pair[0].amount)
         return Explanation(inquiry.nearest, (replace(reason, message=f"{name}: {reason.message}"),))
-    chosen = np.unique(np.linspace(0, len(targets) - 1, min(_MAX_STATIONS, len(targets))).round().astype(int)).tolist()
+    # At most 40, spread evenly
+    chosen = np.unique(np.linspace(0, len(targets) - 1, min(40, len(targets))).round().astype(int)).tolist()
     targets, names = [targets[k] for k in chosen], [names[k] for k in chosen]
     start = min(range(len(targets)), key=lambda k: float(np.linalg.norm(targets[k].lower - inquiry.target.lower)))
     ways = [_shared(inquiry, own, targets, start) for own in inquiry.ways() if not own[1].met]

@@ -31,7 +31,6 @@ from posture_opt.uncertainty.spread.peg_spread import peg_spread
 
 _PARALLEL = 0.02  # sine [1] up to which axes are parallel, cosine up to which they are perpendicular; corrections lean
 _ROUNDING = 1e-12  # m² or 1: a sign of less is that of a singular posture, which counts as not positive
-_MEETING_SHARE = 5e-3  # of the length of the arm: axes that pass each other nearer than this meet
 
 
 def configurations(robot: Robot, Q: Array) -> list[tuple[str, ...]]:
@@ -39,7 +38,8 @@ def configurations(robot: Robot, Q: Array) -> list[tuple[str, ...]]:
     low, high = (np.clip(np.array(ends), -1.0, 1.0) for ends in (robot.lower, robot.upper))
     regular = low + (high - low) * np.linspace(0.31, 0.73, robot.n)  # off all singular postures
     every = _Axes.at(robot, np.vstack([regular, *Q]))
-    named = _structure(every.rows(slice(0, 1)), _MEETING_SHARE * robot.length)
+    # Axes that pass each other within 0.5 % of the arm's length meet
+    named = _structure(every.rows(slice(0, 1)), 5e-3 * robot.length)
     return [()] * len(Q) if named is None else list(zip(*named(every.rows(slice(1, None))), strict=True))
 
 
@@ -139,7 +139,6 @@ def _parallel_wrist(at: _Axes) -> Names:
 def _shoulder_elbow_wrist(at: _Axes, wrist: Array, forearm: Array) -> Names:
     """Signs by the ends (N, 3) of wrist and forearm [m]: the side of the second axis, the elbow above or below the line
     from shoulder to forearm end (first axis up), and the fifth joint's sine.
-
     """
     across = np.cross(at.z[0], at.z[1])
     right = _dot(across, wrist - at.o[0]) > _ROUNDING
@@ -203,10 +202,6 @@ def success_with_peg(problem: OptimisationProblem, q: Array, basis: Array, targe
     return peg_spread(part, point, tuple(q.tolist()), (tip, basis), target.clearance).success
 
 
-_IMPROVED_STARTS = 4  # starts of greatest manipulability that the solver improves
-_MANIPULABILITY_TOLERANCE = 1e-4  # relative: of postures that are as good, the one that scatters least is reported
-
-
 @dataclass(frozen=True)
 class ManipulablePosture:
     """A posture (joint name -> rad or m), its manipulability [m/rad] and its σ_max [m]."""
@@ -232,15 +227,14 @@ def most_manipulable(
         ca.Function("manipulability", [nlp.x, nlp.p], [term.quantity(problem.quantities), nlp.variance]), compiled=False
     )
     sizes, _ = measured(Q, target.parameters)
-    starts = Q[np.argsort(-sizes[:, 0], kind="stable")[:_IMPROVED_STARTS]]
+    starts = Q[np.argsort(-sizes[:, 0], kind="stable")[:4]]
     if problem.freedom:
         polish = solver.build(asked)
         ends = asked.ends(target.parameters)
         starts = np.vstack([starts, *_met(asked, target, [polish(q, target.parameters, ends).x for q in starts])])
     sizes, variances = (column[:, 0] for column in measured(starts, target.parameters))
-    best = min(
-        np.flatnonzero(sizes >= (1 - _MANIPULABILITY_TOLERANCE) * sizes.max()), key=lambda k: float(variances[k])
-    )
+    # Of equally good ones the one that scatters least
+    best = min(np.flatnonzero(sizes >= (1 - 1e-4) * sizes.max()), key=lambda k: float(variances[k]))
     posture = Posture(problem.robot, starts[best])
     return ManipulablePosture(posture, float(sizes[best]), float(np.sqrt(max(variances[best], 0.0))))
 

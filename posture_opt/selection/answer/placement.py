@@ -154,7 +154,6 @@ class Placement(PlacementRange):
 
 
 ALMOST_ONE = 1 - 1e-9  # of a probability to miss: the logarithm of its complement stays finite
-_LEAST_VARIANCE = 1e-12  # under the root of a scaled variance, about 1
 
 
 def combined_symbols(combine: Combine, main: ca.MX, extra: ca.MX) -> ca.MX:
@@ -162,14 +161,13 @@ def combined_symbols(combine: Combine, main: ca.MX, extra: ca.MX) -> ca.MX:
 
     ``worst``: ``max(f_k + e_k)``; ``mean``: ``Σ sqrt(f_k)/K + Σ e_k/K``; ``success``, f logarithms of the probability
     to miss: ``log(−Σ log(1 − exp f_k)) + Σ e_k/K``.
-
     """
     if combine == "worst":
         return ca.mmax(main + extra)
     count = main.shape[0]
     further = ca.sum1(extra) / count
     if combine == "mean":
-        return ca.sum1(ca.sqrt(ca.fmax(main, 0) + _LEAST_VARIANCE)) / count + further
+        return ca.sum1(ca.sqrt(ca.fmax(main, 0) + 1e-12)) / count + further
     return ca.log(ca.sum1(-ca.log1p(-ALMOST_ONE * ca.exp(main)))) + further
 
 

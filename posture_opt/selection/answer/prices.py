@@ -27,13 +27,9 @@ from posture_opt.selection.search.engine import Engine
 from posture_opt.selection.solvers import Ends
 
 _LEAST_MULTIPLIER = 1e-5  # of the scaled objective: what is worth less changes no digit that is stated
-_CHECKED_CHANGE = 1e-5  # of σ: by which a requirement is loosened to see whether its price is right
 _CHECKED_STEP = 0.1  # of a step that people take: what it is loosened by at most for that
-_CHECKED_TOLERANCE = 0.03  # of a price: what it may differ by from that change, which is no derivative
 _STEPS = {"rad": math.radians(1.0), "m": 1e-3}
 """By what people loosen a requirement [rad or m]: a degree, a millimetre."""
-_BOUND_SHARE = 0.1  # of a bound: the largest step where these are larger than the bound itself, or of other units
-_SLOPE_STEP = 1e-6  # of a bound, to see how what users state changes with it
 
 
 @dataclass(frozen=True)
@@ -125,9 +121,9 @@ class _Priced:
             slope = (self._again(held, -step) - self._again(held, step)) / (2 * step)
             return slope if math.isfinite(slope) else None
         price = held.worth * self.target.scale / (2 * self._sigma)
-        step = min(_CHECKED_STEP * held.step, _CHECKED_CHANGE * self._sigma / price)
+        step = min(_CHECKED_STEP * held.step, 1e-5 * self._sigma / price)  # a change of σ by 1e-5
         gain = (self._sigma - self._again(held, step)) / step
-        return price if abs(gain - price) <= _CHECKED_TOLERANCE * price else None
+        return price if abs(gain - price) <= 0.03 * price else None  # 3 %: the change is no derivative
 
     def _again(self, held: Held, amount: float) -> float:
         """σ [m] with a requirement loosened by ``amount`` units, from the posture; NaN where nothing is found."""
@@ -184,7 +180,7 @@ def _row(row: Row, end: HeldEnd, bound: float, target: TaskTarget) -> Held | Non
             return None  # the slack of an arm that cannot turn its tool at will
         slope, bend = math.sin(2 * target.tilt), math.cos(2 * target.tilt)  # of sin² tilt
         return Held("tilt", "rad", "upper", _STEPS["rad"], (replace(end, shift=slope, bend=bend),))
-    step = _SLOPE_STEP * max(1.0, abs(bound))
+    step = 1e-6 * max(1.0, abs(bound))
     shown = (row.shown(bound + step) - row.shown(bound - step)) / (2 * step)
     if not shown:
         return None
@@ -199,7 +195,7 @@ def _step(row: Row, bound: float) -> float:
     usual = _STEPS.get(row.unit, math.inf)
     if row.unit in _STEPS and (size >= usual or not size):
         return usual
-    return float(10.0 ** math.floor(math.log10(_BOUND_SHARE * size))) if size > 0 else 1.0
+    return float(10.0 ** math.floor(math.log10(0.1 * size))) if size > 0 else 1.0
 
 
 def _limits(problem: OptimisationProblem, said: Confirmation) -> Iterator[Held]:

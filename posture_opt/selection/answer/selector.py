@@ -54,9 +54,6 @@ from posture_opt.uncertainty.moments.tool_point import ToolPoint
 from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.uncertainty.spread.task_spread import lies_in_plane
 
-_MAX_LIFTED = 8  # postures below an assumed mounting plane from which one above it is sought
-_NEARLY_MET = 1e-3  # m, rad or 1: what rounding of a change and lower bounds of distances leave
-
 
 class PostureSelector:
     """The posture selection of one problem, for repeated solves with other targets.
@@ -224,7 +221,7 @@ class PostureSelector:
         if self._problem.narrowed:
             return wider._solved(seek, target, began, confirm)
         without = wider._searched(seek, target, exact=not confirm)
-        above = self._lifted(without.feasible[:_MAX_LIFTED], outcome)
+        above = self._lifted(without.feasible[:8], outcome)
         return self._answer(above, began, confirm) if above else wider._answer(without, began, confirm)
 
     def _lifted(self, below: Sequence[CandidatePosture], outcome: SearchOutcome) -> SearchOutcome | None:
@@ -376,7 +373,8 @@ class PostureSelector:
         A posture ``near`` (n,) that was read from a compromise decides where it does, or misses by more than rounding.
         """
         aim, seed = self.target if target is None else target, self._problem.solver.seed
-        if near is not None and not ROW_TOLERANCE < (missed := self._missed(aim, near)) <= _NEARLY_MET:
+        # 1e-3: rounding of a change, and lower bounds of distances
+        if near is not None and not ROW_TOLERANCE < (missed := self._missed(aim, near)) <= 1e-3:
             return missed <= ROW_TOLERANCE
         engine = self.engine(aim, guarded=True)
         starts = self._problem.solver.starts or usual_starts(engine)

@@ -48,8 +48,6 @@ from posture_opt.uncertainty.spread.spread import Spread, budget_json, groups_js
 from posture_opt.uncertainty.spread.success_of_all import JointSuccess, PlaceErrors, success_of_all
 from posture_opt.uncertainty.spread.task_spread import TaskSpread, sigma_along
 
-_MAX_ALTERNATIVES = 8  # a 6R wrist has that many branches (Pieper 1968)
-_MAX_COMPARED_STATIONS = 100  # neighbouring points of a longer path are alike
 Status = Literal["optimal", "feasible", "infeasible"]
 
 
@@ -268,7 +266,7 @@ class Solution(Result):
         """(k, n) at most eight of the local optima, best first: those of each configuration, then others."""
         named = configurations(self.problem.robot, self.ended)
         again = [bool(name) and name in named[:k] for k, name in enumerate(named)]
-        kept = sorted(range(len(self.ended)), key=again.__getitem__)[:_MAX_ALTERNATIVES]
+        kept = sorted(range(len(self.ended)), key=again.__getitem__)[:8]  # a 6R wrist has eight branches (Pieper 1968)
         return np.asarray(self.ended[sorted(kept)])
 
     @property
@@ -409,9 +407,9 @@ class Solution(Result):
 
     def _compared(self) -> tuple[Solution, ...]:
         count = len(self.points)
-        if count <= _MAX_COMPARED_STATIONS:
+        if count <= 100:  # neighbouring points of a longer path are alike
             return self.points or (self,)
-        even = np.linspace(0, count - 1, _MAX_COMPARED_STATIONS).round().astype(int)
+        even = np.linspace(0, count - 1, 100).round().astype(int)
         return tuple(self.points[k] for k in np.union1d(even, self.worst_index).tolist())
 
     def sigma_under(self, sources: Sources) -> float:

@@ -30,12 +30,7 @@ if TYPE_CHECKING:
 ACROSS_PATH = "across the path"
 NO_GAIN = 5e-4
 """A relative difference of standard deviations that no report shows."""
-SMALL_GAIN = 0.05
-"""Below this gain over a typical posture something else helps more than the choice."""
-GOOD_PROBABILITY = 0.99
-"""Of success: below it, another posture may have a higher one."""
 _PLANAR_JOINTS = 2  # of arms that are drawn on paper
-_PROBABILITY_TOLERANCE = 1e-4  # of a probability: what a report tells apart
 
 
 def solution_statements(found: Solution) -> tuple[Statement, ...]:
@@ -173,7 +168,7 @@ def _workpiece(found: Solution) -> list[Statement]:
 
 def _help(found: Solution) -> tuple[Statement, ...]:
     gain, helpful, problem = found.gain_over(found.statistics.typical), found.helpful, found.problem
-    little = not found.points and math.isfinite(gain) and gain < SMALL_GAIN
+    little = not found.points and math.isfinite(gain) and gain < 0.05
     said = []
     if little and helpful:
         said.append(state("selection.no-gain") if gain < NO_GAIN
@@ -207,7 +202,7 @@ def _on_table(found: Solution) -> tuple[Statement, ...]:
     if not found.of_features:
         return (*_ranking(found), *_alternatives(found), *_orientation(found))
     success, said = found.success, []
-    if success is not None and abs(success.product - success.probability) > _PROBABILITY_TOLERANCE:
+    if success is not None and abs(success.product - success.probability) > 1e-4:
         said.append(state("selection.errors-shared", probability=Quantity(success.product, "probability")))
     if found.placement is not None and found.placement.free.any():
         origin, yaw = _base_from_workpiece(found.placement.w.tolist())
@@ -234,7 +229,7 @@ def _ranking(found: Solution) -> list[Statement]:
     task, part = found.optimisation_problem.task, part_of(found)
     if task.criterion == "worst" and not task.minimize:
         p_success = found.success_probability
-        advised = p_success is not None and p_success <= GOOD_PROBABILITY and task.part is None
+        advised = p_success is not None and p_success <= 0.99 and task.part is None
         return [state("selection.maximise-success")] if advised else []
     ranking = tuple(([f"criterion {task.criterion}"] if task.criterion != "none" else [])
                     + [term.kind.replace("_", " ") for term in task.minimize])  # fmt: skip

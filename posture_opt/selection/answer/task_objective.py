@@ -20,7 +20,6 @@ def task_objective(problem: ProblemData) -> tuple[ca.Function, dict[str, str]]:
 
     By the criterion ``worst`` it is the largest variance [m²] in the directions that count; further terms have their
     weights, and the variance is not scaled.
-
     """
     selector = PostureSelector(problem, compiled=False)
     found = selector.engine(selector.target).optimisation_problem

@@ -19,8 +19,6 @@ from posture_opt.interrupts import interruptible
 from posture_opt.model.compiled import BatchFunction
 from posture_opt.numerics import TURN, Array
 
-_POINTS_OF_TURNS = 3  # at which whole turns are compared: random ones, so that one would nearly do
-
 
 @dataclass(frozen=True)
 class Variable:
@@ -108,7 +106,7 @@ class Nlp:
             return ()
         rng, values = np.random.default_rng(0), ca.Function("values", [self.x, self.p], [self.objective, self.g])
         batch = BatchFunction(values, compiled=False)
-        x, p = rng.uniform(lower, upper, (_POINTS_OF_TURNS, len(lower))), rng.normal(size=(1, self.p.numel()))
+        x, p = rng.uniform(lower, upper, (3, len(lower))), rng.normal(size=(1, self.p.numel()))
         here = np.hstack(batch(x, p))
         turned = {int(k): np.hstack(batch(x + TURN * np.eye(len(lower))[k], p)) for k in wide}
         return tuple(k for k, there in turned.items() if not np.allclose(there, here, 1e-6, 1e-9, equal_nan=True))
@@ -181,8 +179,6 @@ _OPTIONS: dict[str, Any] = {
     "calc_lam_p": False,  # the multipliers of the parameters cost one more evaluation and nobody reads them
 }
 
-_SCALE = 100.0
-"""Mean multiplier above which residuals are divided by it (s_max of IPOPT)."""
 
 _ONE_AT_A_TIME = threading.RLock()
 """MUMPS, which solves IPOPT's linear systems, keeps data in global variables: of all threads, one may solve."""
@@ -228,7 +224,6 @@ class NonlinearSolver:
 
         ``max(|∇f + Jᵀλ + z|/s, |(λ, z)|·room/s, violation)``, ``s = max(100, mean |(λ, z)|)/100`` (Wächter and Biegler
         2006, eqs. 5 and 6); ``room`` is the way to the end that a multiplier belongs to.
-
         """
         slope = np.asarray(self._function.get_function("nlp_grad_f")(found.x, p)[1]).ravel()
         g, jacobian = self._function.get_function("nlp_jac_g")(found.x, p)
@@ -242,6 +237,6 @@ class NonlinearSolver:
         ended = np.isfinite(room)  # where there is no end, a multiplier is what is left of a barrier
         complementarity = np.abs(y[ended]) * room[ended]
         violation = np.maximum(low - value, value - high)
-        scale = max(_SCALE, float(np.mean(np.abs(y)))) / _SCALE
+        scale = max(100.0, float(np.mean(np.abs(y)))) / 100.0  # s_max of IPOPT
         scaled = max(np.max(np.abs(stationarity), initial=0.0), np.max(complementarity, initial=0.0)) / scale
         return float(max(scaled, np.max(violation, initial=0.0)))

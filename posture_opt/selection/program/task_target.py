@@ -23,19 +23,12 @@ from posture_opt.selection.tasks import Task
 from posture_opt.selection.tasks.workpiece import Workpiece
 from posture_opt.uncertainty.spread.task_spread import across_basis
 
-_RANK = 1e-9  # of the largest singular value: rounding of a product of some ten rotations
 _DEPENDENT = 1e-7  # rad or m/rad: singular values below it are rounding, of quarter turns typed with seven digits too
 _SAMPLES = 12  # random postures: more than the columns that can be independent, so that none is missed
-_SWEEPS = 200  # over three coordinates: the exact steps converge geometrically
-_MOST_SKEW = 0.05  # rad; beyond it, corrections do not correct an arm but make another one
 
-_SHELL_SLACK = 0.01  # of the stretched arm: effects and corrections move the tool point by less
 
 PLANE_TOLERANCE = 1e-6
 """Distance [m] from its plane at which a target counts as outside of it."""
-AXIS_SLACK = 2e-5
-"""Error of the tool axis [rad] that counts as none for an arm with too few joints to turn it at will: the quarter
-turns in its file are rounded, and exact alignment may not exist. The lean of a calibrated arm's axes adds to it."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +63,7 @@ class Reach:
             axes.append(axis)
             jacobians.append(J[:3])
             turns.append(np.cross(J[3:].T, axis).T)
-        lean = 2 * min(robot.skew, _MOST_SKEW)
+        lean = 2 * min(robot.skew, 0.05)  # beyond 0.05 rad, corrections make another arm
         U = _range(np.hstack(jacobians), lean)
         turned = _range(np.hstack(turns), 0.0, lean * math.sqrt(_SAMPLES * robot.n))
         rank = 0 if turned.shape[1] == 0 else 1 if _planar(axes, lean) else 2
@@ -81,7 +74,8 @@ class Reach:
         freedom = max(int(np.linalg.matrix_rank(A, tol=max(_DEPENDENT, lean))) for A in turns)
         able, size = bool(orients and rank > 0), max(radius, 1e-3)
         plane_slack = PLANE_TOLERANCE + lean * size + min(robot.lift, size)
-        return cls(U, points[0], rank, axis, freedom, able, size, plane_slack, AXIS_SLACK + lean, Shell.of(robot))
+        # 2e-5 rad: quarter turns in files are rounded
+        return cls(U, points[0], rank, axis, freedom, able, size, plane_slack, 2e-5 + lean, Shell.of(robot))
 
     @cached_property
     def normals(self) -> Array:
@@ -99,7 +93,7 @@ class Reach:
         N = self.normals
         point = np.clip(self.offset, lower, upper)
         # Least distance from the box by exact steps along one coordinate at a time: a convex quadratic in 3 unknowns.
-        for _ in range(_SWEEPS if N.shape[1] else 0):
+        for _ in range(200 if N.shape[1] else 0):
             before = point.copy()
             for k in range(3):
                 slope, curvature = N[k] @ (N.T @ (point - self.offset)), N[k] @ N[k]
@@ -115,14 +109,14 @@ class Reach:
 
     def excludes(self, lower: Array, upper: Array) -> bool:
         """Whether the lengths of the links, or its plane, keep the tool point from the box (3,), (3,) [m]."""
-        slack = _SHELL_SLACK * self.shell.most
+        slack = 0.01 * self.shell.most  # effects and corrections move the tool point by less
         return self.misses(lower, upper) or self.shell.misses(lower, upper, slack)
 
 
 def _range(columns: Array, lean: float = 0.0, least: float = 0.0) -> Array:
     """(3, r) orthonormal basis of what columns (3, k) span, singular values below the tolerances left out."""
     U, s, _ = np.linalg.svd(columns, full_matrices=False)
-    keep = s > max(max(_RANK, lean) * max(float(s[0]), 1e-6), least)
+    keep = s > max(max(1e-9, lean) * max(float(s[0]), 1e-6), least)
     basis = U[:, keep]
     return np.eye(3) if basis.shape[1] == 3 else _aligned(basis, lean)
 

@@ -30,20 +30,12 @@ from posture_opt.workers import Part, opened
 S = TypeVar("S")
 R = TypeVar("R")
 
-STARTS_PER_BATCH = 32  # where two degrees of freedom are left or fewer; as many more for each further one
-MAX_STARTS_PER_BATCH = 128
-BATCHES_THAT_AGREE = 2  # that are to find the best optimum
 MAX_BATCHES = 12  # batches
-SEARCHES_IN_ALL = 6  # local searches of all batches that are to find it: one as easy to find is missed once in e⁶ = 400
-SEARCHES_THAT_AGREE = 4  # local searches that are to find it, in a repeated solve
-UNSEEN_PROBABILITY = 0.01  # probability that one more start leads to something better
-MAX_PASSES = 6
-EXPECTED_BETTER_OPTIMA = 0.05  # better optima that as many starts again may be expected to find, in a thorough search
 
 
 def usual_starts(engine: Engine) -> int:
     """Starts of one batch: more where target and tool axis leave more freedom, and so more local optima."""
-    return min(STARTS_PER_BATCH * max(engine.searched.freedom - 1, 1), MAX_STARTS_PER_BATCH)
+    return min(32 * max(engine.searched.freedom - 1, 1), 128)
 
 
 def until_found_often(
@@ -51,10 +43,8 @@ def until_found_often(
 ) -> MultistartResult:
     """Starts until four searches agree on the best and one more finds a better one with less than 1 %."""
     whole = multistart(engine, target, rng, starts or usual_starts(engine))
-    for _ in range(1, 1 if starts else MAX_PASSES):
-        if not any(c.feasible for c in whole.found) or (
-            whole.hits >= SEARCHES_THAT_AGREE and whole.unseen_better <= UNSEEN_PROBABILITY
-        ):
+    for _ in range(1, 1 if starts else 6):
+        if not any(c.feasible for c in whole.found) or (whole.hits >= 4 and whole.unseen_better <= 0.01):
             break
         whole = whole.joined(multistart(engine, whole.target, rng, usual_starts(engine)), engine)
     if not whole.found or not whole.found[0].feasible:
@@ -75,7 +65,6 @@ def until_recurrence(
 
     Their agreement is evidence that a share of the starts cannot give: starts of one batch are screened against each
     other.
-
     """
     starts = starts or usual_starts(engine)
     whole = multistart(engine, target, np.random.default_rng([seed, 0]), starts, every=True)
@@ -95,8 +84,9 @@ def until_recurrence(
 
 def _batches_wanted(whole: MultistartResult) -> int:
     expected = whole.unseen_better * whole.polished
-    sure = whole.hits >= SEARCHES_IN_ALL and expected <= EXPECTED_BETTER_OPTIMA
-    return BATCHES_THAT_AGREE if sure else 3 * BATCHES_THAT_AGREE
+    # An optimum as easy to find as six agreeing searches is missed once in e⁶ = 400
+    sure = whole.hits >= 6 and expected <= 0.05
+    return 2 if sure else 6
 
 
 def recurrences(values: Sequence[float], limit: Callable[[float], float]) -> int:
@@ -123,12 +113,9 @@ def _batch(shared: tuple[Engine, TaskTarget, int, int], k: int) -> MultistartRes
     return multistart(engine, target, np.random.default_rng([seed, k]), starts)
 
 
-_SCREENED_PER_START = 8  # postures that are compared for each local search that a batch of starts has
-_IMPROVED = 12  # at which the solver is started: a 6R wrist has eight branches (Pieper 1968)
 # Random postures for each start in ranges that may be left: two rounds, the second a patient one. Of 760 targets that
 # arms of 6 and 7 joints meet within ranges drawn at random, most near a corner of them, all are found, as with the 80.
 _PREFERRED_TRIALS = 16
-_NEAR = 0.35  # rad or m in each joint: what is so near to a better posture leads where that one leads
 
 
 def screened_search(
@@ -138,7 +125,6 @@ def screened_search(
 
     None: unmet requirements, a problem that the solver does not take, or no optimum. ``preferred``: wider joint ranges
     are searched where nothing is found.
-
     """
     starts = usual_starts(engine)
     Q, tried = feasible_starts(engine, target, starts, rng, _PREFERRED_TRIALS if preferred else MAX_TRIALS_PER_START)
@@ -146,7 +132,8 @@ def screened_search(
         return MultistartResult(target, (), Sampled.none(engine.robot), 0, tried, 0)
     if not engine.confirming.solvable(target.parameters):
         return None
-    more, further = feasible_starts(engine, target, (_SCREENED_PER_START - 1) * starts, rng)
+    # Eight postures compared for each local search of a batch
+    more, further = feasible_starts(engine, target, 7 * starts, rng)
     Q, tried = np.vstack([Q, more]), tried + further
     target, sampled = screened(engine, target, Q)
     chosen = _local_minima(engine, sorted(engine.candidates(sampled.Q, target), key=rank))
@@ -166,9 +153,10 @@ def _local_minima(engine: Engine, best_first: list[CandidatePosture]) -> list[Ca
     for k, candidate in enumerate(best_first):
         apart = Q[:k] - Q[k]
         apart = np.abs(apart - turn * np.rint(apart / TURN))
-        if not np.any(np.max(apart, axis=1, initial=0.0) < _NEAR):
+        # 0.35 rad or m in each joint leads to the same optimum
+        if not np.any(np.max(apart, axis=1, initial=0.0) < 0.35):
             chosen.append(candidate)
-        if len(chosen) == _IMPROVED:
+        if len(chosen) == 12:  # a 6R wrist has eight branches (Pieper 1968)
             break
     return chosen
 

@@ -17,11 +17,6 @@ from posture_opt.selection.program.nlp import Nlp
 from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE
 from posture_opt.selection.solvers import Ends, Outcome, Polish, Solver
 
-AGREEMENT = 1e-6
-"""Relative difference of σ up to which the answers of two methods are the same."""
-_DISAGREEMENT = 1e-3
-"""Relative difference of σ, in three digits, from which the end of a search is no optimum that another method finds."""
-
 
 @dataclass(frozen=True)
 class Confirmation:
@@ -38,12 +33,12 @@ class Confirmation:
 
     @property
     def differs(self) -> bool:
-        return not self.agrees <= AGREEMENT
+        return not self.agrees <= 1e-6
 
     @property
     def refutes(self) -> bool:
         """Whether the solver left what it was given for something visibly else that is not the answer."""
-        return not self.taken and self.agrees > _DISAGREEMENT
+        return not self.taken and self.agrees > 1e-3  # visible in three digits
 
     def to_json(self) -> dict[str, Json]:
         """What the part ``solver`` of a document says of it."""

@@ -28,13 +28,8 @@ HELD_SLACK = (
     1e-10  # slack of what may not give: as a variable that is free it keeps IPOPT from counting too few of them
 )
 NORM_ROUNDING = 1e-7  # m or rad, squared: where the norm of a slack near zero is rounded off
-MAX_ITERATIONS = 100
-MAX_FRUITLESS_STARTS = 7  # starts: where none of them leads to a compromise, others seldom do
-STARTS_THAT_AGREE = 3  # starts that come to the same least: others would too
-COST_TOLERANCE = 1e-3  # of the cost
 LIMIT_COST_FACTOR = 3.0  # times the cost: limits of joints are built in
 WIDENED_LIMIT = 4 * np.pi  # rad or m: of a joint without its limits
-ZERO_BOUND_SCALE = 0.1  # of a term whose bound is zero: the scale that its cost is measured in
 _HEIGHT = f"{TARGET}.z"
 """The row that holds the tool point at the height of the target."""
 
@@ -68,8 +63,7 @@ class ElasticProblem:
     """The elastic form of a problem: ``min Σ_k c_k s_k`` over postures and slacks ``s_k ≥ 0``.
 
     ``held``: joint index -> value [rad or m] of joints that the task holds and ``problem`` leaves free. Requirements
-    are the target, the tool axis, the limits, held joints, terms, rows of the cell, places of its obstacles, its clearance.
-
+    are the target, the tool axis, the limits, held joints, terms, rows of the cell, places and clearance of it.
     """
 
     def __init__(self, problem: OptimisationProblem, held: Mapping[int, float] | None = None) -> None:
@@ -87,7 +81,6 @@ class ElasticProblem:
 
         Distance from the target [m], angle beyond the tilt [rad], largest excess of a joint [rad, or the arm's size],
         violation of a row [unit]; of an obstacle the depth at its surface.
-
         """
         return np.asarray(self._lacking(Q, parameters, np.zeros(self._slack_count)))
 
@@ -101,13 +94,13 @@ class ElasticProblem:
         """The best from ``starts`` (k, n) where only ``given`` may give; ``level``: at the target's height."""
         found: list[Compromise] = []
         for k, start in enumerate(starts):
-            if not found and k == MAX_FRUITLESS_STARTS:
+            if not found and k == 7:  # after 7 fruitless starts others seldom do
                 break
             one = self._compromise(start, parameters, given, level)
             found += [] if one is None else [one]
             least = min((other.cost for other in found), default=math.inf)
-            alike = sum(other.cost <= least * (1 + COST_TOLERANCE) for other in found)
-            if alike == STARTS_THAT_AGREE or any(other.met for other in found):
+            alike = sum(other.cost <= least * (1 + 1e-3) for other in found)
+            if alike == 3 or any(other.met for other in found):
                 break
         return min(found, key=lambda other: other.cost, default=None)
 
@@ -217,7 +210,7 @@ class ElasticProblem:
     def _scale(self, name: str) -> float:
         rows = [row for row in self._problem.nlp.rows if row.requirement == name]
         ends = [abs(float(end)) for row in rows for end in (row.lower, row.upper) if end.is_constant()]
-        return max((end for end in ends if np.isfinite(end)), default=0.0) or ZERO_BOUND_SCALE
+        return max((end for end in ends if np.isfinite(end)), default=0.0) or 0.1
 
     @cached_property
     def _facing(self) -> ca.SX:
@@ -245,7 +238,7 @@ class ElasticProblem:
             "f": cost,
             "g": ca.vertcat(ca.SX(0, 1), *(expression for expression, *_ in self._rows)),
         }
-        options = {"ipopt.max_iter": MAX_ITERATIONS, "ipopt.tol": 1e-7, "ipopt.constr_viol_tol": 1e-8}
+        options = {"ipopt.max_iter": 100, "ipopt.tol": 1e-7, "ipopt.constr_viol_tol": 1e-8}
         return NonlinearSolver("elastic", program, options)
 
     @cached_property

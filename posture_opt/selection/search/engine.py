@@ -52,9 +52,6 @@ class CandidatePosture:
 STEPS = 60
 """Of a local search that is followed to its end."""
 
-VIOLATION_PRICE = 1e3  # of the objective for each m or rad of violation: the multipliers of rows are seldom larger
-MAX_IPOPT_FALLBACKS = 4  # IPOPT solves tried in one search where the local search ends infeasible
-
 
 @dataclass(frozen=True)
 class Engine(DerivedAgain):
@@ -183,7 +180,6 @@ class Engine(DerivedAgain):
         """Where local searches ended, tidy; IPOPT is tried on a few without an optimum that could change the answer.
 
         ``count`` (N,): searches that each stands for; ``helped``: IPOPT is tried beside a feasible optimum too.
-
         """
         counts, words = np.ones(len(found.q), dtype=int) if count is None else count, ("not converged", "converged")
         ends = [
@@ -194,7 +190,7 @@ class Engine(DerivedAgain):
         limit = min((end.objective for end in ends if end.optimal and end.feasible), default=np.inf)
         doubtful = [k for k, end in enumerate(ends) if not end.optimal and (end.objective < limit or not end.feasible)]
         promising = np.isinf(limit) or (helped and any(ends[k].feasible for k in doubtful))
-        for k in doubtful[: MAX_IPOPT_FALLBACKS if promising else 0]:
+        for k in doubtful[: 4 if promising else 0]:
             ends[k] = self.confirmed(ends[k], target)
         return ends
 
@@ -269,9 +265,8 @@ def engine_of(packed: bytes) -> Engine:
 
 
 def _better(end: CandidatePosture, start: CandidatePosture) -> bool:
-    return end.feasible and (
-        not start.feasible or end.objective <= start.objective + 1e-6 + VIOLATION_PRICE * start.violation
-    )
+    # 1e3 a unit of violation: multipliers of rows are seldom larger
+    return end.feasible and (not start.feasible or end.objective <= start.objective + 1e-6 + 1e3 * start.violation)
 
 
 def median(values: Array) -> float:
@@ -281,26 +276,23 @@ def median(values: Array) -> float:
 
 
 DISTINCT_ANGLE = math.radians(5.0)  # apart in a joint: well above what a search leaves open in a flat valley
-DISTINCT_STROKE = 0.01  # m, the same of a slide
-ROWS_PER_BLOCK = 64  # postures that are compared with all others at once: bounds the memory
 
 
 def clusters(Q: Array, robot: Robot, size: Codes | None = None, ignored: Sequence[int] = ()) -> tuple[Codes, Codes]:
     """Rows of Q (k, n) [rad or m] that differ from all before, and how many, ``size`` (k,) each, are near them.
 
     Near: within 5° or 10 mm in each joint but the ``ignored``, whole turns taken off.
-
     """
     joints = [k for k in range(robot.n) if k not in ignored]
     revolute = np.array([robot.joints[k].type == "revolute" for k in joints], dtype=bool)[:, None]
-    limit, turn = np.where(revolute, DISTINCT_ANGLE, DISTINCT_STROKE)[..., None], np.where(revolute, TURN, 0.0)
+    limit, turn = np.where(revolute, DISTINCT_ANGLE, 0.01)[..., None], np.where(revolute, TURN, 0.0)
     X = Q.T[joints]
     X -= turn * np.rint(X / TURN)  # angles within half a turn of zero are near, or a turn but a little apart
     beyond = np.where(revolute, TURN, np.inf)[..., None] - limit
     left, cluster = np.ones(len(Q), dtype=bool), np.zeros(len(Q), dtype=int)
     first: list[int] = []
-    for block in range(0, len(Q), ROWS_PER_BLOCK):
-        apart = np.abs(X[:, block : block + ROWS_PER_BLOCK, None] - X[:, None])
+    for block in range(0, len(Q), 64):  # a block of 64 rows bounds the memory
+        apart = np.abs(X[:, block : block + 64, None] - X[:, None])
         near = np.logical_and.reduce((apart <= limit) | (apart >= beyond))
         for k, row in enumerate(near, start=block):
             if left[k]:

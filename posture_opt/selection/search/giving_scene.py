@@ -24,7 +24,6 @@ CLEARANCE = "clearance of the cell"
 LEAST_THICKNESS_M = 1e-3
 """What is left of an obstacle that is made smaller [m], half of its least thickness; where it must give more, it has to
 go."""
-_ENDLESS_M = 1e3
 _SHIFTS_TRIED_M = np.geomspace(2e-3, 4.0, 50)
 
 
@@ -109,7 +108,7 @@ class GivingScene:
 
     def _most(self, obstacle: Obstacle) -> float:
         """By how much an obstacle can be made smaller [m]; of one without end any length."""
-        return min(max(obstacle.half_thickness - LEAST_THICKNESS_M, 0.0), _ENDLESS_M)
+        return min(max(obstacle.half_thickness - LEAST_THICKNESS_M, 0.0), 1e3)
 
 
 def gives_enough(obstacles: Sequence[Obstacle], name: str, by: float) -> Obstacle | None:

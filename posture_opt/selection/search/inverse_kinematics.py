@@ -38,8 +38,6 @@ PATIENT_STEPS = 48
 STALL_WINDOW = 5  # a part of the steps in which an error that falls by less than `STALL_RATIO` will not get to zero:
 STALL_RATIO = 0.9  # of a Panda's arrivals 4 % are lost, and each costs a quarter fewer steps; of a UR10's 1 % and 13 %
 LONGEST_IK_STEP = 1.0  # rad or m: longer steps of a linear model of a rotation mean nothing
-DAMPING_FACTOR = 0.1  # of the squared error; a half, as Sugihara (2011, eq. 27 to 30) has it, takes a third more steps
-DAMPING_BIAS = 1e-9  # rad² or m²: his bias, so small that the last steps stay quadratic
 
 
 _LOOP = """
@@ -76,7 +74,6 @@ class InverseKinematics:
     The residual of a row is ``(w₁ Uᵀ(x − x*), w₂ (a − a*), w₃ (s − s*))`` with the tool point x [m], the tool axis a
     and the spin vector s, world; parts within a slack or a cone do not count. ``step``: ``(q, request) -> (next q,
     error)``; joints ``whole`` are drawn between their limits, however wide.
-
     """
 
     def __init__(
@@ -120,7 +117,6 @@ class InverseKinematics:
 
         A row ends on arrival, when its error no longer falls, or after ``steps``; after ``enough`` arrivals the others
         have an infinite error.
-
         """
         best, error = np.ascontiguousarray(Q).copy(), np.full(len(Q), np.inf)
         rows, wanted = np.ascontiguousarray(request.rows), len(Q) if enough is None else enough
@@ -183,7 +179,6 @@ def _step_function(arm: Arm, tool_axis: tuple[float, float, float], directions: 
     """``(q, request) -> (next q, error at q)``: ``dq = −(JᵀJ + (λ ‖r‖² + μ) I)⁻¹ Jᵀ r`` within the limits.
 
     r is the residual, J its Jacobian, columns of held joints zero; dq is shortened to `LONGEST_IK_STEP`, then clipped.
-
     """
     q, request = ca.SX.sym("q", arm.robot.n), ca.SX.sym("request", WIDTH)
     position, axis, spin, weights, slack, cone = ca.vertsplit(request, list(PARTS))
@@ -201,7 +196,8 @@ def _step_function(arm: Arm, tool_axis: tuple[float, float, float], directions: 
     lower, upper = ca.DM(robot.lower), ca.DM(robot.upper)
     held = ca.fmax((q <= lower) * (slope > 0), (q >= upper) * (slope < 0))
     J = J * ca.repmat((1 - held).T, J.shape[0], 1)
-    damping = DAMPING_FACTOR * squared + DAMPING_BIAS
+    # A half (Sugihara 2011, eq. 27 to 30) takes a third more steps; the bias keeps the last ones quadratic
+    damping = 0.1 * squared + 1e-9
     dq = -solved(ldl(J.T @ J + damping * ca.SX.eye(robot.n)), (1 - held) * slope)
     longest = ca.mmax(ca.fabs(dq))
     dq = dq * LONGEST_IK_STEP / ca.fmax(longest, LONGEST_IK_STEP)
@@ -263,7 +259,6 @@ def request_for(
 
     ``whole_box``: any point of the region, as an arm with few joints cannot align its tool at a drawn one;
     ``slack_of_axis`` [rad] is as good as none.
-
     """
     anywhere = target.kind == "anywhere"
     position, slack = np.zeros(3) if anywhere else target.lower, np.zeros(3)
@@ -302,9 +297,6 @@ def _within_tilt(target: TaskTarget, count: int, rng: np.random.Generator) -> Ar
     return np.asarray(np.cos(tilt)[:, None] * target.axis + np.sin(tilt)[:, None] * sideways)
 
 
-ALIGNMENT_TRIALS = 96  # random postures: where one in twenty arrives aligned, all of them fail at 0.7 % of the targets
-
-
 @dataclass(frozen=True)
 class Aligner:
     """What the arm can give of the tool axis: of some arms and targets that is found by trying."""
@@ -340,8 +332,9 @@ class Aligner:
     def _can_align(self, target: TaskTarget, slack: float) -> bool:
         """Whether any of some random postures arrives at the target with its axis within ``slack`` [rad]."""
         rng, ik = np.random.default_rng(0), self._trial
-        request = request_for(target, ALIGNMENT_TRIALS, True, rng, whole_box=True, slack_of_axis=slack)
-        return bool(np.min(ik.solve(ik.random_postures(ALIGNMENT_TRIALS, rng), request, enough=1)[1]) < TOLERANCE)
+        # Where one in 20 arrives aligned, all 96 fail at 0.7 % of the targets
+        request = request_for(target, 96, True, rng, whole_box=True, slack_of_axis=slack)
+        return bool(np.min(ik.solve(ik.random_postures(96, rng), request, enough=1)[1]) < TOLERANCE)
 
     @cached_property
     def _of_whole(self) -> Aligner:

@@ -21,20 +21,25 @@ from posture_opt.model.row_loop import RowLoop
 from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.selection.program.nlp import Nlp
 from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE
-from posture_opt.selection.search.local_search_c import (
+from posture_opt.selection.search.local_search_c import LOOP_TEXT
+from posture_opt.selection.search.quadratic_model import (
+    INFINITE_BOUND,
     LARGER,
+    LEAST_CHANGE,
     LONGEST_STEP,
-    LOOP_TEXT,
     MAX_IDLE_STEPS,
     MAX_MULTIPLIER,
     MERIT_TOLERANCE,
-    MET,
+    MOST_VIOLATION,
     SMALLER,
     SMALLEST_RADIUS,
-    STANDSTILL_STEP,
-    VIOLATION_ALLOWANCE,
+    VIOLATION_PRICE,
+    Curved,
+    QuadraticModel,
+    merit,
 )
-from posture_opt.selection.search.quadratic_model import INFINITE_BOUND, Curved, QuadraticModel, merit
+
+MET = 1e-9  # m, rad or 1: violation of a row at an optimum, as IPOPT is asked for
 
 _NOTHING_APART: tuple[int | float | Array, ...] = (0, 0, *[np.zeros(1)] * 5, 0.0)
 """What the loop receives of contacts where there are none."""
@@ -88,7 +93,6 @@ class LocalSearch:
         """At most ``steps`` steps from each posture of Q (N, n); ``state`` (N, m + n + 1) of an earlier call goes on.
 
         A step is taken where the augmented Lagrangian does not grow, else tried within a radius smaller by `SMALLER`.
-
         """
         if state is None:
             contacts = 0 if self._contacts is None else self._contacts.rows
@@ -143,7 +147,7 @@ class LocalSearch:
                 for part, new in zip(here, there, strict=True):
                     part[yes] = new[better]
             radius[rows[taken]] = np.minimum(LARGER * radius[rows[taken]], LONGEST_STEP)
-            moved = np.max(np.abs(q[rows] - before), axis=1) > STANDSTILL_STEP
+            moved = np.max(np.abs(q[rows] - before), axis=1) > LEAST_CHANGE
             still[rows] = np.where(moved, 0, still[rows] + 1)
             rows = rows[taken & (still[rows] < MAX_IDLE_STEPS)]
             if not len(rows):
@@ -182,8 +186,10 @@ def _no_worse(here: list[Array], there: Sequence[Array], y: Array, violation: Ar
     """Which steps, to values ``there``, leave the merit with the next multipliers as it is or less."""
     m = here[1].shape[1]
     before, after = (merit(f[:, 0], g, low, high, y[:, :m]) for f, g, low, high in (here, there))
-    price, most = VIOLATION_ALLOWANCE
-    return np.asarray(after <= before + MERIT_TOLERANCE * np.fmax(1, np.abs(before)) + np.fmin(price * violation, most))
+    return np.asarray(
+        after
+        <= before + MERIT_TOLERANCE * np.fmax(1, np.abs(before)) + np.fmin(VIOLATION_PRICE * violation, MOST_VIOLATION)
+    )
 
 
 def _of(array: Array, rows: Codes) -> Array:

@@ -20,13 +20,8 @@ from posture_opt.selection.search.inverse_kinematics import PATIENT_STEPS, ROW_T
 from posture_opt.selection.search.inverse_kinematics import STEPS as IK_STEPS
 from posture_opt.selection.search.local_search import LocalOptima
 
-STARTS_PER_ARRIVAL = 2  # random postures for each start wanted at first: of a Panda's two in three arrive
 SCREENING_STEPS = (4, 4, 4, 4, 8)  # of the local search, after each of which those are given up that promise nothing
-PROMISED_GAIN_FACTOR = 2.0  # times the gain of a quadratic model: what a start may still gain
-MAX_DISTINCT_OPTIMA = 12  # local optima that a repeated solve keeps: a 6R wrist has eight branches (Pieper 1968)
-OPTIMUM_TOLERANCE = 1e-4  # of the objective
 MAX_TRIALS_PER_START = 80  # random postures for each start wanted at most: then the target counts as out of reach
-ELASTIC_STARTS = 8  # best ends of searches, from which the requirements are asked to give as little as they can
 RETRY_FACTORS = (1, 4, 16)  # times the starts, where answers meet the target but not the further requirements
 
 
@@ -81,7 +76,6 @@ class MultistartResult:
     def unseen_better(self) -> float:
         """About the probability that one more start finds a better optimum: the share of optima seen once (Good 1953,
         eq. 9), any rank of a new one being as likely.
-
         """
         groups: list[list[CandidatePosture]] = []
         for candidate in self.found:
@@ -113,7 +107,7 @@ def feasible_starts(
 ) -> tuple[Array, int]:
     """About ``count`` postures (k, n) with target and tool axis met, and how many random ones that took."""
     tried, arrived = 0, np.zeros((0, engine.robot.n))
-    size = STARTS_PER_ARRIVAL * count
+    size = 2 * count  # of a Panda's random postures two in three arrive
     while len(arrived) < count and tried < trials * count:
         # Points of a region are drawn at first; where none of them is reached, any point of it will do.
         none_yet = tried > 0 and not len(arrived)
@@ -134,7 +128,6 @@ def multistart(
 
     Where none meets the further requirements 4, then 16 times as many are tried, unless the elastic problem shows first
     that they cannot be met.
-
     """
     found = MultistartResult(target, (), Sampled.none(engine.robot), 0, 0, 0)
     if engine.optimisation_problem.reach.excludes(target.lower, target.upper):
@@ -150,7 +143,7 @@ def multistart(
 
 
 def _can_be_met(engine: Engine, found: MultistartResult) -> bool:
-    starts = np.array([candidate.q for candidate in found.found[:ELASTIC_STARTS]])
+    starts = np.array([candidate.q for candidate in found.found[:8]])
     least = engine.elastic.least(found.target.parameters, engine.elastic.further, starts)
     return least is not None and least.met
 
@@ -175,7 +168,7 @@ def local_optima(engine: Engine, target: TaskTarget, Q: Array, *, every: bool = 
             break
         optima = engine.descended(optima.q, target, steps, optima.state)
         optima, size = _merged(engine, optima, size, every or steps == STEPS)
-    most = slice(None if every else MAX_DISTINCT_OPTIMA)
+    most = slice(None if every else 12)  # a 6R wrist has eight branches (Pieper 1968)
     return tuple(sorted(engine.settled(optima.rows(most), target, size[most], helped=every), key=rank))
 
 
@@ -188,7 +181,7 @@ def _merged(engine: Engine, optima: LocalOptima, size: Codes, every: bool) -> tu
 
 def as_good(best: float) -> float:
     """The objective up to which an optimum counts as the best one: by the rounding of the criteria."""
-    return best + OPTIMUM_TOLERANCE * max(abs(best), 1e-9)
+    return best + 1e-4 * max(abs(best), 1e-9)
 
 
 def _best_first(optima: LocalOptima) -> Codes:
@@ -200,7 +193,8 @@ def _promising(optima: LocalOptima) -> Codes:
     met = optima.excess == 0
     limit = as_good(np.min(optima.objective[met])) if np.any(met) else np.inf
     order = _best_first(optima)
-    hope = optima.objective - PROMISED_GAIN_FACTOR * np.maximum(optima.gain, 0.0)
+    # A start may gain twice what its quadratic model promises
+    hope = optima.objective - 2.0 * np.maximum(optima.gain, 0.0)
     return np.asarray(order[(hope <= limit)[order]])
 
 

@@ -21,21 +21,24 @@ import numpy as np
 
 from posture_opt.numerics import Array, Codes, Mask
 
+# What the loops in C and in NumPy agree on: `local_search_c` takes them as macros of these names.
 PENALTY = 1e3  # of a squared row in the merit, in units of the objective (about 1)
 WORKING_SET_TOLERANCE = 1e-8  # rad or m: a row or bound that is violated by more belongs to the working set
-JOINED_MULTIPLIER = 1e-12  # the multiplier of what has just joined, until the next step says how large it is,
-STAYING_MULTIPLIER = 5e-13  # and of what would leave right after it has joined: it would be met again at once
-LEAST_CHANGE = 1e-12  # a change below it meets nothing
+JOINED_MULTIPLIER = 1e-12  # of what has just joined; half of it where it would leave at once, to be met again
+LEAST_CHANGE = 1e-12  # rad, m or of a row: a smaller change is none
 DEPENDENT_ROW_TOLERANCE = 1e-10  # of a row's own square: rows that repeat others, or more rows than joints
 FLAT_CURVATURE = 1e-8  # of the largest curvature: below it a direction changes nothing, above its rounding
 TINY_CURVATURE = 1e-12  # in place of the largest curvature where there is none
 MAX_SHIFTS = 50  # Newton steps for the shift of the eigenvalues: some five are usual
 RADIUS_TOLERANCE = 1e-6  # of the radius: how near a step comes to it
 INFINITE_BOUND = 1e6  # instead of infinity, which makes NaN of zero
-
-
-Known = Array | tuple[Array, ...]
-"""What is kept of N models: (N, …), or several of them."""
+LONGEST_STEP = 0.5  # rad or m: the quadratic model of a rotation means nothing beyond
+SMALLER, LARGER = 0.25, 4.0  # the next radius, after a step that made the merit worse and after one taken
+MERIT_TOLERANCE = 1e-7  # of the merit: its rounding
+VIOLATION_PRICE, MOST_VIOLATION = 100.0, 1e-5  # of the merit for each m or rad, and at most: last digits of rows
+MAX_IDLE_STEPS = 2  # without motion, the multipliers settled: where rows cannot be met, say
+SMALLEST_RADIUS = 1e-5  # rad or m: what is no better within it stays where it is
+MAX_MULTIPLIER = 1e3  # in the Hessian: where rows nearly depend on each other, estimates are anything
 
 
 @dataclass(frozen=True)
@@ -209,7 +212,7 @@ class Curved:
         """Step (N, n) within a radius (N,) up to what it meets first, and the next multipliers (N, m + n)."""
         model, p = self.model, self.step(radius)
         y = model.signed(model.multipliers(model.slope + np.einsum("kij,kj->ki", self.H, p)))
-        y = np.where((y == 0) & (np.abs(model.y) == JOINED_MULTIPLIER), np.sign(model.y) * STAYING_MULTIPLIER, y)
+        y = np.where((y == 0) & (np.abs(model.y) == JOINED_MULTIPLIER), np.sign(model.y) * JOINED_MULTIPLIER / 2, y)
         change = np.hstack([np.einsum("kij,kj->ki", model.A, p), p])
         meets = ~model.working & (np.abs(change) > LEAST_CHANGE)
         room = np.where(change > 0, model.high, model.low) - model.value

@@ -23,7 +23,6 @@ from posture_opt.units import JointQuantity
 YAW = "yaw"
 """The requirement to hold the spin of the tool."""
 VISIBLE_EXCESS = 1e-6  # rad or m beyond a limit that is worth a word
-MAIN_DIRECTION_COSINE = 0.9  # cosine: a move in about that direction
 
 
 @dataclass(frozen=True)
@@ -183,7 +182,7 @@ def way_words(problem: OptimisationProblem, target: TaskTarget, q: Array, shift:
     along, up = float(shift @ out / np.linalg.norm(out)) / distance, float(shift[2]) / distance
     words = [(-along, "towards the base"), (along, "away from the base"), (up, "up"), (-up, "down")]
     cosine, word = max(words)
-    return f", {word}" if cosine >= MAIN_DIRECTION_COSINE else ""
+    return f", {word}" if cosine >= 0.9 else ""
 
 
 def stated_text(value: float, unit: str) -> str:
@@ -233,8 +232,6 @@ def stated_apart(stated: float, other: float, unit: str) -> str:
 
 _FILE_UNITS = {"m": (1e3, "mm"), "rad": (math.degrees(1.0), "deg"), "m/rad": (1e3, "mm")}
 """SI unit -> factor to the unit of files, and its name; a Jacobian's are lengths there, others are as they are."""
-_ROUNDING = 1e-3
-"""Of the last digit: what is nearer to it than that is rounded to it."""
 
 
 @dataclass(frozen=True)
@@ -288,7 +285,8 @@ def rounded(value: float, unit: str, decimals: int, side: int = 0) -> ChangedVal
     """
     factor, name = _FILE_UNITS.get(unit, (1.0, "" if unit in ("1", "probability") else unit))
     scaled = value * factor * 10**decimals
-    whole = round(scaled) if abs(scaled - round(scaled)) <= _ROUNDING or not side else None
+    # What is nearer than 1e-3 of the last digit is rounded to it
+    whole = round(scaled) if abs(scaled - round(scaled)) <= 1e-3 or not side else None
     if whole is None:
         whole = math.ceil(scaled) if side > 0 else math.floor(scaled)
     number = whole / 10**decimals

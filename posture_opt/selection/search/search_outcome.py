@@ -93,8 +93,6 @@ def is_clear(scene: Keeper, Q: Array) -> Mask:
 
 
 _SPIN_STEPS = 120  # steps of 3°: the optimum over the spin is several of them wide
-_STARTS_PER_SPIN = 8  # starts at each angle: a 6R wrist has that many branches (Pieper 1968)
-_GRID_VALUES = 91  # values of each joint: steps of 4° over a turn
 
 
 @dataclass(frozen=True)
@@ -189,9 +187,10 @@ def sweep(engine: Engine, target: TaskTarget, rng: np.random.Generator) -> Sweep
     """Sweep over both joint angles (91 x 91), or over the spin (120 x 8 starts); None where more is free."""
     robot, problem = engine.robot, engine.optimisation_problem
     if robot.n <= 2 and target.kind != "point":
-        axes = [np.linspace(low, high, _GRID_VALUES) for low, high in zip(robot.lower, robot.upper, strict=True)]
+        # Steps of 4° over a turn
+        axes = [np.linspace(low, high, 91) for low, high in zip(robot.lower, robot.upper, strict=True)]
         Q = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, robot.n)
-        return _evaluate(engine, target, Q, f"a grid of {_GRID_VALUES} values of each joint")
+        return _evaluate(engine, target, Q, "a grid of 91 values of each joint")
     if target.spun:
         return None  # what would be swept is held
     fixed = problem.reach.directions.shape[1] + problem.axis_rows
@@ -202,7 +201,8 @@ def sweep(engine: Engine, target: TaskTarget, rng: np.random.Generator) -> Sweep
 
 def _spun(engine: Engine, target: TaskTarget, rng: np.random.Generator) -> Array:
     """Postures (k, n) on the target at spins φ, where the spin vector is ``cos φ b₁ + sin φ b₂``."""
-    angles = np.repeat(np.arange(_SPIN_STEPS) * 2 * np.pi / _SPIN_STEPS, _STARTS_PER_SPIN)
+    # A 6R wrist has eight branches (Pieper 1968)
+    angles = np.repeat(np.arange(_SPIN_STEPS) * 2 * np.pi / _SPIN_STEPS, 8)
     spin = np.cos(angles)[:, None] * target.axis_basis[:, 0] + np.sin(angles)[:, None] * target.axis_basis[:, 1]
     request = PoseRequest(target.lower, target.axis, spin, np.ones(3))
     Q, errors = engine.ik.solve(engine.ik.random_postures(len(angles), rng), request)
@@ -223,9 +223,6 @@ def _evaluate(engine: Engine, target: TaskTarget, Q: Array, over: str) -> Sweep 
 
 
 _BETTER = 1e-6  # of the objective: what agrees to the sixth digit is as good, and the tidier joint values stay
-_NO_SIGMA_M = 1e-9  # of a standard deviation below it no share is asked for: arms exist whose errors cancel
-_MAX_RIVALS = 2  # other optima that go through the solver too
-_RIVAL_GAP = 0.02  # of the objective: an optimum that is worse by more is the best one by no difference of two methods
 
 
 def confirmed(
@@ -253,8 +250,9 @@ def confirmed(
 def _rivals(best_first: Sequence[CandidatePosture]) -> Sequence[CandidatePosture]:
     best = best_first[0].objective
     more = [(one.objective - best) / max(abs(best), _BETTER) for one in best_first[1:]]
-    near = [one for one, gap in zip(best_first[1:], more, strict=True) if _BETTER < gap <= _RIVAL_GAP]
-    return near[:_MAX_RIVALS]
+    # Beyond 2 % no difference of two methods decides
+    near = [one for one, gap in zip(best_first[1:], more, strict=True) if _BETTER < gap <= 0.02]
+    return near[:2]
 
 
 def _ended(
@@ -286,4 +284,4 @@ def _said(
 
 
 def _apart(end: CandidatePosture, start: CandidatePosture) -> float:
-    return abs(end.sigma - start.sigma) / max(end.sigma, start.sigma, _NO_SIGMA_M)
+    return abs(end.sigma - start.sigma) / max(end.sigma, start.sigma, 1e-9)  # arms exist whose errors cancel

@@ -14,15 +14,12 @@ import casadi as ca
 # Eigenvalues are not smooth where two coincide; this fraction of the trace rounds the corner off and costs the
 # optimum less than 1e-4 of its variance.
 _ROUNDING = 1e-4
-_NODES = 48  # directions: the logarithm is right to 1e-6 for axes of up to 1 : 30
-_NODES_IN_SPACE = 192  # directions: the logarithm is right to 0.05 where one in a thousand misses
 
 
 def eigenvalues(C: ca.SX) -> list[ca.SX]:
     """Eigenvalues of a symmetric (m, m) matrix, m ≤ 3, ascending, rounded where they meet.
 
     For m = 2, mean t and rounding ε: ``λ = t ± sqrt(((c₁₁ − c₂₂)/2)² + c₁₂² + (ε t)²)``, too large by at most ε t.
-
     """
     m = C.shape[0]
     if m == 1:
@@ -37,7 +34,6 @@ def eigenvalues(C: ca.SX) -> list[ca.SX]:
 def worst_across(C: ca.SX, axis: ca.SX) -> ca.SX:
     """Largest eigenvalue [m²] of C (3, 3) across a unit vector a: those of ``P C P``, ``P = I − a aᵀ``, have the sum
     ``tr C − aᵀ C a`` and the product ``aᵀ adj(C) a``; no basis across a is needed.
-
     """
     mean = (ca.trace(C) - ca.dot(axis, C @ axis)) / 2
     columns = [C[:, k] for k in range(3)]
@@ -95,7 +91,6 @@ def log_miss(C: ca.SX, bias: ca.SX, clearance: ca.SX) -> ca.SX:
     With ``x = b + ρ L u(φ)``, L Lᵀ = C, it leaves the circle of radius c = ``clearance`` [m] at ``ρ*(φ)``:
     ``P = (1/2π) ∫ exp(−ρ*²/2) dφ``; the periodic trapezoid rule converges exponentially. In space ``exp(−ρ*²/2)``
     becomes ``erfc(ρ*/√2) + √(2/π) ρ* exp(−ρ*²/2)``. |bias| < clearance.
-
     """
     m = C.shape[0]
     if m == 1:
@@ -123,14 +118,14 @@ def _lower_root(C: ca.SX) -> ca.SX:
 
 
 def _circle() -> list[list[float]]:
-    turns = (2 * math.pi * k / _NODES for k in range(_NODES))
+    turns = (2 * math.pi * k / 48 for k in range(48))  # 48: the logarithm is right to 1e-6 for axes up to 1 : 30
     return [[math.cos(turn), math.sin(turn)] for turn in turns]
 
 
 def _sphere() -> list[list[float]]:
     """A spiral of equal areas (R. Swinbank and R. J. Purser, Q. J. R. Meteorol. Soc. 132 (2006) 1769)."""
     golden = math.pi * (3 - math.sqrt(5))
-    heights = [1 - (2 * k + 1) / _NODES_IN_SPACE for k in range(_NODES_IN_SPACE)]
+    heights = [1 - (2 * k + 1) / 192 for k in range(192)]  # right to 0.05 where one in a thousand misses
     across = [math.sqrt(1 - z * z) for z in heights]
     return [
         [r * math.cos(golden * k), r * math.sin(golden * k), z]
