@@ -155,10 +155,7 @@ def _moved(place: MovableAnswer, before: float) -> tuple[float, tuple[float, flo
         return None
     targets = [target.with_position(target.lower + shift) for shift in _shifts(target, problem.reach)]
     engine = place.engine or Engine(problem, place.problem.solver, compiled=False)
-    known = [
-        place.q,
-        *(np.array(list(a.posture.values())) for a in place.alternatives[1:5]),
-    ]
+    known = [place.q, *(np.array(list(a.posture.values())) for a in place.alternatives[1:5])]
     of = np.repeat(np.arange(len(targets)), len(known))
     ends = engine.descended_each(np.tile(np.array(known), (len(targets), 1)), targets, of, STEPS)
     parameters = np.array([aim.parameters for aim in targets])[of]

@@ -74,10 +74,7 @@ def explain_stations(inquiry: Infeasibility, targets: Sequence[TaskTarget], name
 
 
 def _shared(
-    inquiry: Infeasibility,
-    own: tuple[tuple[str, ...], Compromise],
-    targets: Sequence[TaskTarget],
-    start: int,
+    inquiry: Infeasibility, own: tuple[tuple[str, ...], Compromise], targets: Sequence[TaskTarget], start: int
 ) -> _SharedWay | None:
     """The least that these requirements must give at every station, from ``start`` outwards; None where one fails."""
     names, first = own

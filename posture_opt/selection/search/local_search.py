@@ -71,12 +71,7 @@ class LocalSearch:
     """The local search of one program: Newton's step, a step ``restore`` back onto the target, and the merit."""
 
     def __init__(
-        self,
-        nlp: Nlp,
-        restore: ca.Function,
-        tolerance: float,
-        compiled: bool | None,
-        contacts: Contacts | None = None,
+        self, nlp: Nlp, restore: ca.Function, tolerance: float, compiled: bool | None, contacts: Contacts | None = None
     ) -> None:
         self._nlp, self._restore, self._tolerance = nlp, restore, tolerance
         self._functions = Derivatives.of(nlp)
