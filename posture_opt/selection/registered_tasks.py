@@ -60,7 +60,11 @@ def read_tasks(points: Iterable[EntryPoint]) -> RegisteredTasks:
             task = _checked(point.load(), point.name, taken)
         except (Exception, SystemExit) as error:  # code of others may raise anything, and end the program
             reason = str(error) if isinstance(error, TypeError) else f"{type(error).__name__}: {error}"
-            broken.append(BrokenTask(point.name, _package(point), reason))
+            broken.append(
+                BrokenTask(
+                    point.name, point.dist.name if point.dist is not None else point.value.partition(".")[0], reason
+                )
+            )
             continue
         taken.add(kind_of(task))
         tasks.append(task)
@@ -80,10 +84,6 @@ def direction_name(kind: str) -> str:
 def part_words(within: str, kind: str) -> str:
     """The part of the spread that a task of that kind counts: across the insertion direction."""
     return "in space" if within == "all" else f"{within} the {direction_name(kind)}"
-
-
-def _package(point: EntryPoint) -> str:
-    return point.dist.name if point.dist is not None else point.value.partition(".")[0]
 
 
 def _checked(found: object, name: str, taken: set[str]) -> type[Task]:

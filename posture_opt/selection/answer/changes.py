@@ -176,7 +176,10 @@ class Changes:
             return [Change(key, None, None, f"remove obstacle {before.name}")]
         changed = {field: getattr(after, field) for field in type(after).model_fields}
         changed = {field: value for field, value in changed.items() if value != getattr(before, field)}
-        texts = {field: _lengths_text(value) for field, value in changed.items()}
+        texts = {
+            field: ([exact_text(v, "m") for v in value] if isinstance(value, tuple) else exact_text(value, "m"))
+            for field, value in changed.items()
+        }
         sizes = ", ".join(f"{f} {t if isinstance(t, str) else '[' + ', '.join(t) + ']'}" for f, t in texts.items())
         sides = " on every side" if math.isfinite(before.half_thickness) else ""
         words = f"obstacle {before.name} must give {by.text}{sides}: {sizes}"
@@ -255,11 +258,6 @@ def _moved_target(
 def _place(key: tuple[str | int, ...], point: Array, words: str) -> Change:
     """A point (3,) [m] at a key."""
     return Change(key, tuple(float(v) for v in point), [exact_text(float(v), "m") for v in point], words)
-
-
-def _lengths_text(value: float | tuple[float, ...]) -> str | list[str]:
-    """One or several lengths [m] as the file states them."""
-    return [exact_text(v, "m") for v in value] if isinstance(value, tuple) else exact_text(value, "m")
 
 
 def _vector_words(parts: Sequence[ChangedValue]) -> str:

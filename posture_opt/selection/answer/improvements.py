@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
@@ -19,13 +19,9 @@ from posture_opt.selection.program.optimisation_problem import OptimisationProbl
 from posture_opt.selection.program.task_target import Reach, TaskTarget
 from posture_opt.selection.search.engine import STEPS, Engine
 from posture_opt.selection.search.search_outcome import is_clear
-from posture_opt.uncertainty.regions.critical import Critical
 from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.uncertainty.sources.workpiece import stated_name
 from posture_opt.uncertainty.spread.budget import Share
-
-if TYPE_CHECKING:
-    from posture_opt.selection.problem_data import ProblemData
 
 MIN_GAIN = 0.005
 """A smaller relative gain is none."""
@@ -68,75 +64,68 @@ class MovedPart(Improvement):
     shift: tuple[float, float, float]
 
 
-class AnsweredStation(Protocol):
-    """What is asked of one posture of an answer, a ``Solution``."""
-
-    @property
-    def problem(self) -> ProblemData: ...
-    @property
-    def critical(self) -> Critical: ...
-    @property
-    def budget(self) -> tuple[Share, ...]: ...
-    def sigma_under(self, sources: Sources) -> float:
-        """σ_max [m] in the same posture under other errors."""
-
-
-class MovableAnswer(Protocol):
-    """What is asked of an answer whose target may stand elsewhere, a ``Solution``."""
+class Answered(Protocol):
+    """What is asked of an answer at one station, a ``Solution``."""
 
     @property
     def problem(self) -> ProblemData: ...
     @property
     def optimisation_problem(self) -> OptimisationProblem: ...
     @property
-    def target(self) -> TaskTarget: ...
-    @property
     def engine(self) -> Engine | None: ...
+    @property
+    def target(self) -> TaskTarget: ...
     @property
     def q(self) -> Array: ...
     @property
     def alternatives(self) -> Sequence[Any]: ...
+    @property
+    def sigma_max(self) -> float: ...
+    @property
+    def budget(self) -> tuple[Share, ...]: ...
+    def sigma_under(self, sources: Sources) -> float:
+        """σ_max [m] in the same posture under other errors."""
+
     def sigma_at(self, target: TaskTarget, q: Array) -> float:
         """σ_max [m] at another target in the posture (n,)."""
 
 
 def improvements(
-    stations: Sequence[AnsweredStation], combined: Callable[[Array], Any], place: MovableAnswer | None = None
+    stations: Sequence[Answered], combined: Callable[[Array], Any], place: Answered | None = None
 ) -> tuple[Improvement, ...]:
     """Changes that lower ``combined`` of the K stations' standard deviations (K,) [m], most gain first."""
-    before = float(combined(np.array([station.critical.sigma_max for station in stations])))
+    before = float(combined(np.array([station.sigma_max for station in stations])))
     if not before > 0:
         return ()
     problem = stations[0].problem
 
     def gain(sigma: float) -> tuple[float, float]:
-        """What is left of the standard deviation [m], and the relative gain."""
         return sigma, 1.0 - sigma / before
 
     def under(sources: Sources) -> tuple[float, float]:
-        """The same under other errors, in the postures of the answer."""
         return gain(float(combined(np.array([station.sigma_under(sources) for station in stations]))))
 
     found: list[Improvement] = [
         HalvedSigma(*under(_halved(problem.task_sources, name)), name, sigma)
         for name, sigma in _weighty(stations, problem.task_sources)
     ]
-    known = after_calibration(problem, Calibrating.of(problem))
+    # 30 postures, as many as ISO 9283 takes repeats; 0.05 mm: a laser tracker.
+    stated = 0.0 if problem.measurement is None else problem.measurement.position
+    postures, instrument = 30, stated or 0.05e-3
+    known = after_calibration(problem, postures, instrument)
     if known is not None:
-        left = known.sources.plus(problem.workpiece_sources)
-        found.append(CalibratedArm(*under(left), known.postures, known.instrument, known.assumed))
+        left = under(known.plus(problem.workpiece_sources))
+        found.append(CalibratedArm(*left, postures, instrument, assumed=not stated))
     moved = None if place is None else _moved(place, before)
     if moved is not None:
         found.append(MovedPart(*gain(moved[0]), moved[1]))
     return tuple(sorted(found, key=lambda change: -change.gain))
 
 
-def _weighty(stations: Sequence[AnsweredStation], sources: Sources) -> list[tuple[str, float]]:
+def _weighty(stations: Sequence[Answered], sources: Sources) -> list[tuple[str, float]]:
     """Sources to try: halving one of variance share s lowers σ by ``1 − sqrt(1 − 3 s/4)`` without correlations."""
-    shares: dict[str, float] = {}
-    for station in stations:
-        for share in station.budget:
-            shares[share.parameter] = max(shares.get(share.parameter, 0.0), share.share)
+    every = sorted((share for station in stations for share in station.budget), key=lambda share: share.share)
+    shares = {share.parameter: share.share for share in every}
     sigma = dict(zip(map(stated_name, sources.names), map(float, sources.sigma), strict=True))
     ranked = sorted((name for name in shares if shares[name] >= 0.01 and name in sigma), key=lambda n: -shares[n])
     return [(name, sigma[name]) for name in ranked[:8]]
@@ -148,7 +137,7 @@ def _halved(sources: Sources, name: str) -> Sources:
     return Sources(sources.names, sources.covariance * both, sources.notes, sources.scatter * both)
 
 
-def _moved(place: MovableAnswer, before: float) -> tuple[float, tuple[float, float, float]] | None:
+def _moved(place: Answered, before: float) -> tuple[float, tuple[float, float, float]] | None:
     """Least σ_max [m] with the part a short way off, and that way; one batch of local searches for all places."""
     target, problem = place.target, place.optimisation_problem
     if target.kind != "point":
@@ -180,61 +169,24 @@ def _shifts(target: TaskTarget, reach: Reach) -> list[Array]:
     return [length * way for way in ways]
 
 
-@dataclass(frozen=True)
-class Calibrating:
-    """Random postures at which the tool point would be measured."""
+def after_calibration(problem: ProblemData, count: int, instrument: float) -> Sources | None:
+    """Sources after ``count`` measured points, ``Σ ← Σ − ΣJᵀ(JΣJᵀ + R)⁻¹JΣ``; None where no error stays.
 
-    postures: int
-    instrument: float  # standard deviation of a measured coordinate [m]
-    assumed: bool  # the file states no instrument
-
-    @classmethod
-    def of(cls, problem: ProblemData) -> Calibrating:
-        """With the instrument of positions that the problem states; 0.05 mm is assumed where it states none."""
-        stated = 0.0 if problem.measurement is None else problem.measurement.position
-        # 30 postures, as many as ISO 9283 takes repeats; 0.05 mm: a laser tracker
-        return cls(30, stated or 0.05e-3, not stated)
-
-
-@dataclass(frozen=True)
-class KnownAfter:
-    """The sources of error after a calibration, the scatter from repeat to repeat as before."""
-
-    sources: Sources
-    postures: int
-    instrument: float  # standard deviation of a measured coordinate [m]
-    assumed: bool
-
-
-def after_calibration(problem: ProblemData, plan: Calibrating) -> KnownAfter | None:
-    """Sources after measured points, ``Σ ← Σ − ΣJᵀ(JΣJᵀ + R)⁻¹JΣ``; None where no error stays.
-
-    J (3, k) is the sensitivity of the tool point, ``R = s²I + J S Jᵀ`` of instrument and scatter: linear least squares
-    with the stated σ's as priors (Bar-Shalom, Li and Kirubarajan 2001, section 3.2).
+    J (3, k) is the sensitivity of the tool point, ``R = s²I + J S Jᵀ`` of instrument [m] and scatter: linear least
+    squares with the stated σ's as priors (Bar-Shalom, Li and Kirubarajan 2001, section 3.2).
     """
     sources = problem.sources
     remaining = sources.constant
     if not np.any(np.diag(remaining) > 0):
         return None
-    for q in _postures(problem, plan.postures):
-        J = _sensitivity(problem, q)
-        noise = plan.instrument**2 * np.eye(3) + J @ sources.scatter @ J.T
+    # Random postures within the limits, clear of collisions where enough of them are.
+    drawn = np.random.default_rng(0).uniform(*drawn_between(problem.robot), (10 * count, problem.robot.n))
+    clear = drawn[is_clear(problem.scene, drawn)] if problem.scene.active else drawn
+    for q in (clear if len(clear) >= count else drawn)[:count].tolist():
+        twists = problem.arm.twists(sources.names, q, problem.arm.reach(q).walk)
+        J = np.array([shift for shift, _ in twists], dtype=float).T
+        noise = instrument**2 * np.eye(3) + J @ sources.scatter @ J.T
         gain = np.linalg.solve(J @ remaining @ J.T + noise, J @ remaining)
         remaining = remaining - remaining @ J.T @ gain
         remaining = (remaining + remaining.T) / 2
-    known = Sources(sources.names, remaining + sources.scatter, sources.notes, sources.scatter)
-    return KnownAfter(known, plan.postures, plan.instrument, plan.assumed)
-
-
-def _postures(problem: ProblemData, count: int) -> Array:
-    """(N, n) random postures within the limits, clear of collisions where enough of them are."""
-    drawn = np.random.default_rng(0).uniform(*drawn_between(problem.robot), (10 * count, problem.robot.n))
-    clear = drawn[is_clear(problem.scene, drawn)] if problem.scene.active else drawn
-    return (clear if len(clear) >= count else drawn)[:count]
-
-
-def _sensitivity(problem: ProblemData, q: Array) -> Array:
-    """(3, k) shift of the tool point per unit of each source, world."""
-    values = q.tolist()
-    twists = problem.arm.twists(problem.sources.names, values, problem.arm.reach(values).walk)
-    return np.array([shift for shift, _ in twists], dtype=float).T
+    return Sources(sources.names, remaining + sources.scatter, sources.notes, sources.scatter)

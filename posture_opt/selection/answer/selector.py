@@ -183,12 +183,11 @@ class PostureSelector:
 
     def feasible(self, starts: int) -> bool:
         """Whether so many starts find a posture that does the task; why there is none is not asked."""
-
-        def seek(engine: Engine) -> tuple[MultistartResult, Sweep | None]:
-            rng = np.random.default_rng(self._problem.solver.seed)
-            return until_found_often(engine, self.target, rng, starts), None
-
-        return bool(self._searched(seek, self.target).feasible)
+        seed, target = self._problem.solver.seed, self.target
+        found = self._searched(
+            lambda engine: (until_found_often(engine, target, np.random.default_rng(seed), starts), None), target
+        )
+        return bool(found.feasible)
 
     @interruptible()
     def solve_thoroughly(
@@ -421,18 +420,10 @@ def task_of(problem: ProblemData) -> Task:
 
 def one_target(task: Task) -> Task:
     """The same task, or an InputError where it has several targets."""
-    if task.features:
-        hint = (
-            "solve the task as it is (its report maps the bench), or name one target: position: [0.6 m, 0.2 m, 0.1 m]"
-        )
-        raise InputError(
-            Issue("this takes a task with one target, and the task has features", ("task", "features"), hint=hint)
-        )
-    if task.on_path:
-        hint = (
-            "solve the task as it is (its report maps the bench), or name one target: position: [0.6 m, 0.2 m, 0.1 m]"
-        )
-        raise InputError(Issue("this takes a task with one target, and the task has a path", ("task",), hint=hint))
+    if task.features or task.on_path:
+        what, key = ("features", ("task", "features")) if task.features else ("a path", ("task",))
+        hint = "solve the task as it is, or name one target: position: [0.6 m, 0.2 m, 0.1 m]"
+        raise InputError(Issue(f"this takes a task with one target, and the task has {what}", key, hint=hint))
     return task
 
 

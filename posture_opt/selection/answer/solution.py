@@ -365,14 +365,14 @@ class Solution(Result):
     @cached_property
     def prices(self) -> tuple[Price, ...]:
         """What one unit of each requirement that holds the answer back is worth, largest first."""
-        if self.points and (self.followed is not None or self.combine != "worst" or self._placement_is_free):
+        if self.points and (
+            self.followed is not None
+            or self.combine != "worst"
+            or (self.placement is not None and bool(self.placement.free.any()))
+        ):
             return ()  # what holds one station is not what holds all of them together
         held = self.worst
         return () if held.engine is None else prices_of(held.engine, held.target, held.statistics.confirmation)
-
-    @property
-    def _placement_is_free(self) -> bool:
-        return self.placement is not None and bool(self.placement.free.any())
 
     @property
     def confirmation(self) -> Confirmation | None:

@@ -255,16 +255,12 @@ def _failure(found: Solution) -> tuple[Statement, ...]:
     name = "no-motion" if found.along_path else "no-placement" if found.of_features else "no-posture"
     said = [state(f"selection.{name}", found.reasons[0].requirement if found.reasons else "", reason=first)]
     said += [state("selection.further-reason", reason=reason) for reason in further]
-    said += [state("selection.remedy", change=_capital(one.change)) for one in found.relaxations[:1]]
+    said += [state("selection.remedy", change=one.change[:1].upper() + one.change[1:]) for one in found.relaxations[:1]]
     placement = found.placement
     if found.of_features and placement is not None and placement.statistics is not None:
         tried, text = placement.statistics.placements, placement_text(placement.w, placement)
         said.append(state("selection.nearest-placement", tried=tried, placement=text))
     return tuple(said)
-
-
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]
 
 
 def beyond_measured(arm: Arm, Q: Array) -> tuple[Statement, ...]:

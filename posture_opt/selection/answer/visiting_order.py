@@ -36,7 +36,11 @@ def best_order(robot: Robot, Q: Array) -> VisitingOrder:
     """The open tour of least travel: by dynamic programming (Held and Karp 1962) up to 12 postures, else by 2-opt."""
     D = moves(robot, Q)
     listed = list(range(len(Q)))
-    order = _held_karp(D) if len(Q) <= _MAX_EXACT_POSTURES else _two_opt(D)
+    order = (
+        _held_karp(D)
+        if len(Q) <= _MAX_EXACT_POSTURES
+        else min((_improved_tour(D, _nearest_first(D, first)) for first in range(len(D))), key=lambda o: _length(D, o))
+    )
     # As listed where that is as good: nobody likes to visit in another order for nothing.
     if _length(D, order) >= (1 - _TRAVEL_TOLERANCE) * _length(D, listed):
         order = listed
@@ -109,10 +113,6 @@ def _held_karp(D: Array) -> list[int]:
         visited, last = visited & ~(1 << last), int(came[visited, last])
         order.append(last)
     return order[::-1]
-
-
-def _two_opt(D: Array) -> list[int]:
-    return min((_improved_tour(D, _nearest_first(D, first)) for first in range(len(D))), key=lambda o: _length(D, o))
 
 
 def _nearest_first(D: Array, first: int) -> list[int]:

@@ -5,6 +5,7 @@ IPOPT: Wächter and Biegler, Mathematical Programming 106 (2006) 25–57, with t
 
 from __future__ import annotations
 
+import math
 import os
 import threading
 from collections.abc import Callable, Mapping, Sequence
@@ -188,15 +189,16 @@ if hasattr(os, "register_at_fork"):  # what another thread held goes on being he
 
 
 @dataclass(frozen=True)
-class SolverAnswer:
-    """Where a solve ended, with multipliers positive at upper ends: ``∇f + Jᵀλ + z = 0``."""
+class Outcome:
+    """One local solve, with multipliers of the scaled objective, positive at upper ends: ``∇f + Jᵀλ + z = 0``."""
 
-    x: Array  # (n,)
+    x: Array  # (n,) where it ended
     optimal: bool  # Solve_Succeeded; a merely acceptable point is not
     message: str
     iterations: int
     row_multipliers: Array  # (m,)
     bound_multipliers: Array  # (n,)
+    residual: float = math.nan  # the largest one of the optimality conditions, scaled
 
 
 class NonlinearSolver:
@@ -206,19 +208,17 @@ class NonlinearSolver:
         with _ONE_AT_A_TIME:
             self._function = ca.nlpsol(name, "ipopt", dict(program), {**_OPTIONS, **options})
 
-    def solve(
-        self, x0: Array, lower: Array, upper: Array, row_lower: Array, row_upper: Array, p: Any = ()
-    ) -> SolverAnswer:
+    def solve(self, x0: Array, lower: Array, upper: Array, row_lower: Array, row_upper: Array, p: Any = ()) -> Outcome:
         """The local optimum from ``x0`` (n,); equal bounds fix a variable; other threads wait."""
         with _ONE_AT_A_TIME, interruptible():
             found = self._function(x0=x0, p=p, lbx=lower, ubx=upper, lbg=row_lower, ubg=row_upper)
             stats = self._function.stats()
         x, rows, bounds = (np.asarray(found[name]).ravel() for name in ("x", "lam_g", "lam_x"))
         message = str(stats["return_status"])
-        return SolverAnswer(x, message == "Solve_Succeeded", message, int(stats["iter_count"]), rows, bounds)
+        return Outcome(x, message == "Solve_Succeeded", message, int(stats["iter_count"]), rows, bounds)
 
     def residual(
-        self, found: SolverAnswer, lower: Array, upper: Array, row_lower: Array, row_upper: Array, p: Any = ()
+        self, found: Outcome, lower: Array, upper: Array, row_lower: Array, row_upper: Array, p: Any = ()
     ) -> float:
         """Largest residual of the optimality conditions, evaluated here and not taken from the solver.
 

@@ -66,11 +66,17 @@ class Reach:
         lean = 2 * min(robot.skew, 0.05)  # beyond 0.05 rad, corrections make another arm
         U = _range(np.hstack(jacobians), lean)
         turned = _range(np.hstack(turns), 0.0, lean * math.sqrt(_SAMPLES * robot.n))
-        rank = 0 if turned.shape[1] == 0 else 1 if _planar(axes, lean) else 2
+        rank = (
+            0
+            if turned.shape[1] == 0
+            else 1
+            if bool(np.linalg.svd(np.array(axes), compute_uv=False)[-1] < max(_DEPENDENT, lean * math.sqrt(len(axes))))
+            else 2
+        )
         both = [np.vstack([U.T @ J, A]) for J, A in zip(jacobians, turns, strict=True)]
         orients = max(np.linalg.matrix_rank(M, tol=_DEPENDENT) for M in both) >= U.shape[1] + rank
         radius = max(float(np.linalg.norm(p - points[0])) for p in points)
-        axis = axes[0] if rank == 0 else _normal(axes) if rank == 1 else np.zeros(3)
+        axis = axes[0] if rank == 0 else np.asarray(np.linalg.svd(np.array(axes))[2][-1]) if rank == 1 else np.zeros(3)
         freedom = max(int(np.linalg.matrix_rank(A, tol=max(_DEPENDENT, lean))) for A in turns)
         able, size = bool(orients and rank > 0), max(radius, 1e-3)
         plane_slack = PLANE_TOLERANCE + lean * size + min(robot.lift, size)
@@ -125,16 +131,6 @@ def _aligned(basis: Array, lean: float) -> Array:
     projector = basis @ basis.T
     columns = [e for e in np.eye(3) if np.linalg.norm(projector @ e - e) < max(1e-9, lean)]
     return np.array(columns).T if columns and len(columns) == basis.shape[1] else basis
-
-
-def _planar(axes: list[Array], lean: float) -> bool:
-    """Whether unit vectors (3,) all lie in one plane through the origin, up to ``lean`` [rad]."""
-    return bool(np.linalg.svd(np.array(axes), compute_uv=False)[-1] < max(_DEPENDENT, lean * math.sqrt(len(axes))))
-
-
-def _normal(axes: list[Array]) -> Array:
-    """(3,) unit normal of the plane that is nearest to unit vectors (3,)."""
-    return np.asarray(np.linalg.svd(np.array(axes))[2][-1])
 
 
 SIZES = {

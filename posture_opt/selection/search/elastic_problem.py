@@ -82,7 +82,7 @@ class ElasticProblem:
         Distance from the target [m], angle beyond the tilt [rad], largest excess of a joint [rad, or the arm's size],
         violation of a row [unit]; of an obstacle the depth at its surface.
         """
-        return np.asarray(self._lacking(Q, parameters, np.zeros(self._slack_count)))
+        return np.asarray(self._lacking(Q, parameters, np.zeros(sum(slack.size for slack in self._slacks))))
 
     def cost(self, lacking: Array) -> Array:
         """The cost (…,) of what requirements lack, (…, G): ``Σ_k lacking_k / scale_k``."""
@@ -186,10 +186,6 @@ class ElasticProblem:
         every += [_Slack(name, 1, size) for name in self.in_cell]
         every += [_Slack(name, 3, size, vector=True) for name in self.cell.movable]
         return (*every, *([_Slack(CLEARANCE, 1, size, most=self.cell.scene.margin)] if self.in_cell else []))
-
-    @property
-    def _slack_count(self) -> int:
-        return sum(slack.size for slack in self._slacks)
 
     @cached_property
     def _symbols(self) -> dict[str, ca.SX]:

@@ -67,12 +67,7 @@ class Engine(DerivedAgain):
         return self.optimisation_problem.robot
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return engine_of, (self._packed,)
-
-    @cached_property
-    def _packed(self) -> bytes:
-        # A fresh copy, without the symbols that the optimisation problem has cached.
-        return pickle.dumps((replace(self.optimisation_problem), self.solver, self.compiled, self.exact))
+        return engine_of, (pickle.dumps((replace(self.optimisation_problem), self.solver, self.compiled, self.exact)),)
 
     @cached_property
     def contacts(self) -> Contacts | None:

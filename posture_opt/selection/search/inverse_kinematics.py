@@ -310,7 +310,14 @@ class Aligner:
     def at(self, target: TaskTarget) -> Alignment:
         """``free``: the axis is not constrained; ``exact``: two rows hold it; ``loose``: held within a slack."""
         given = self._given(target)
-        if given == "free" and self.whole is not self.arm and self._of_whole.at(target) != "free":
+        if (
+            given == "free"
+            and self.whole is not self.arm
+            and Aligner(self.whole, self.task, Reach.of(self.whole, self.task.tool_axis), self.compiled, self.whole).at(
+                target
+            )
+            != "free"
+        ):
             return "loose"
         return given
 
@@ -335,10 +342,6 @@ class Aligner:
         # Where one in 20 arrives aligned, all 96 fail at 0.7 % of the targets
         request = request_for(target, 96, True, rng, whole_box=True, slack_of_axis=slack)
         return bool(np.min(ik.solve(ik.random_postures(96, rng), request, enough=1)[1]) < TOLERANCE)
-
-    @cached_property
-    def _of_whole(self) -> Aligner:
-        return Aligner(self.whole, self.task, Reach.of(self.whole, self.task.tool_axis), self.compiled, self.whole)
 
     @cached_property
     def _trial(self) -> InverseKinematics:

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
 
-from posture_opt.selection.program.nlp import Nlp, NonlinearSolver
-from posture_opt.selection.solvers.solver import Ends, Outcome, Polish, Solver
+from posture_opt.selection.program.nlp import Nlp, NonlinearSolver, Outcome
+from posture_opt.selection.solvers.solver import Ends, Polish, Solver
 
 CONFIRMING_TOLERANCE = 1e-9
 """Of the optimality conditions at an optimum that another method found: a thousandth of what that is asked for."""
@@ -42,11 +41,8 @@ class Ipopt(Solver):
         def polish(start: np.ndarray, parameters: np.ndarray, ends: Ends) -> Outcome:
             found = solver.solve(start, *ends, p=parameters)
             inside = replace(found, x=np.clip(found.x, *ends[:2]))
-            residual = solver.residual(inside, *ends, p=parameters) if np.all(np.isfinite(found.x)) else math.inf
-            return Outcome(
-                inside.x, found.optimal, found.message, found.iterations, residual,
-                found.row_multipliers, found.bound_multipliers,
-            )  # fmt: skip
+            known = np.all(np.isfinite(found.x))
+            return replace(inside, residual=solver.residual(inside, *ends, p=parameters) if known else np.inf)
 
         return polish
 

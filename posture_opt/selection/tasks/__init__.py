@@ -40,12 +40,12 @@ def known_to(kind: str | None, keys: Mapping[str, Any], tasks: Sequence[type[Tas
     """The ``keys`` of a section ``task`` that another kind has too, or that no task knows: those are refused."""
     for task in tasks:
         if task.model_fields["kind"].annotation.__args__[0] == kind:  # type: ignore[union-attr]
-            return {key: value for key, value in keys.items() if key in task.model_fields or not _of_any(tasks, key)}
+            return {
+                key: value
+                for key, value in keys.items()
+                if key in task.model_fields or not any(key in task.model_fields for task in tasks)
+            }
     return dict(keys)
-
-
-def _of_any(tasks: Sequence[type[Task]], key: str) -> bool:
-    return any(key in task.model_fields for task in tasks)
 
 
 __all__ = ["KINDS", "TASKS", "Criterion", "Region", "Task", "known_to", "task_class"]

@@ -52,6 +52,3 @@ class FixedJoints(Term):
 
     def stated(self) -> list[Stated]:
         return [Stated(given.value, given.value, given.unit, name) for name, given in self.values.items()]
-
-    def scale(self, at: Quantities) -> float:
-        return 1.0

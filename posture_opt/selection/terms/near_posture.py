@@ -13,11 +13,11 @@ from pydantic import Field, model_validator
 
 from posture_opt.errors import BadValueError, one_of
 from posture_opt.robot.robot import Robot
-from posture_opt.selection.terms.term import BoundedTerm, Quantities, Stated, joint_values
+from posture_opt.selection.terms.term import Quantities, Stated, Term, joint_values
 from posture_opt.units import Angle, JointQuantity, JointValue
 
 
-class NearPosture(BoundedTerm):
+class NearPosture(Term):
     """Root mean square difference of the named joints from ``posture`` [rad], or the difference of each of them.
 
     In the mean the stroke of a prismatic joint counts as the angle that moves the tool of the stretched arm as far:
@@ -106,6 +106,3 @@ class NearPosture(BoundedTerm):
 
     def stated(self) -> list[Stated]:
         return [Stated(-math.inf, m.value, m.unit, name) for name, m in self._each().items()] or super().stated()
-
-    def scale(self, at: Quantities) -> float:
-        return 1.0

@@ -11,10 +11,10 @@ from abc import abstractmethod
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import casadi as ca
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from posture_opt.errors import BadValueError, InputError, Issue, did_you_mean
 from posture_opt.model.arm_state import ArmState
@@ -142,6 +142,8 @@ class Term(Spec):
     """One line for ``optimize-posture list``."""
     unit: ClassVar[str]
     """SI unit of the quantity."""
+    size: ClassVar[float] = 1.0
+    """Typical one [unit]."""
     keeps_clear: ClassVar[bool] = False
     """Whether it keeps the arm away from obstacles."""
 
@@ -214,20 +216,19 @@ class Term(Spec):
         """A value of the quantity as reports state it: a torque without its sign, a probability for a logarithm."""
         return value
 
-    @abstractmethod
     def scale(self, at: Quantities) -> float:
         """A typical size of the quantity [unit]: the cost is measured in it, so that weights of one compare."""
+        return self.size
 
 
-class BoundedTerm(Term):
-    """A term that must state at least one bound in ``subject_to``, and whose bounds must not cross."""
+class LowerBoundedTerm(Term):
+    """A quantity that is to be at least ``at_least``."""
 
-    @model_validator(mode="after")
-    def _not_crossed(self) -> BoundedTerm:
-        low, high = self.bounds()
-        if low > high:
-            raise BadValueError("at_least is above at_most", "swap them")
-        return self
+    if TYPE_CHECKING:
+        at_least: float
+
+    def bounds(self) -> tuple[float, float]:
+        return self.at_least, math.inf
 
 
 def joints_named(names: Iterable[str], robot: Robot) -> list[int]:
@@ -255,9 +256,6 @@ def joint_values(values: Mapping[str, JointQuantity], robot: Robot, *, within_li
     return found
 
 
-_USUAL = 1e-3  # m or rad: where no bound says what is large
-
-
 class StandardDeviationTerm(Term):
     """A standard deviation σ [m or rad] with an upper bound: the row is ``σ/at_most ≤ 1``."""
 
@@ -268,7 +266,7 @@ class StandardDeviationTerm(Term):
 
     @property
     def row_size(self) -> float:
-        return self.at_most or _USUAL
+        return self.at_most or 1e-3  # m or rad: where no bound says what is large
 
     def scale(self, at: Quantities) -> float:
-        return self.at_most or _USUAL
+        return self.row_size
