@@ -55,19 +55,23 @@ class BatchAnswer:
         return "failed" if self.document is None else str(self.document["status"])
 
     @property
+    def _solution(self) -> Mapping[str, Any]:
+        return {} if self.code or self.document is None else self.document
+
+    @property
     def sigma_max(self) -> float:
         """Largest standard deviation of the part that counts [m], over all postures; NaN without a solution."""
-        return math.nan if self.code or self.document is None else float(self.document["sigma_max"])
+        return float(self._solution.get("sigma_max", math.nan))
 
     @property
     def worst_station(self) -> str | None:
         """The feature or point that ``sigma_max`` is of; None where there is one target, or no solution."""
-        return None if self.code or self.document is None else self.document["worst_station"]
+        return self._solution.get("worst_station")
 
     @property
     def success_probability(self) -> float:
         """To stay within the clearance, at the worst feature or point; NaN without one."""
-        value = None if self.code or self.document is None else self.document.get("success_probability")
+        value = self._solution.get("success_probability")
         return math.nan if value is None else float(value)
 
     def to_json(self) -> dict[str, Json]:

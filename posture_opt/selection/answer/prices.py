@@ -13,7 +13,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -27,9 +26,8 @@ from posture_opt.selection.search.engine import Engine
 from posture_opt.selection.solvers import Ends
 
 _LEAST_MULTIPLIER = 1e-5  # of the scaled objective: what is worth less changes no digit that is stated
-_CHECKED_STEP = 0.1  # of a step that people take: what it is loosened by at most for that
-_STEPS = {"rad": math.radians(1.0), "m": 1e-3}
-"""By what people loosen a requirement [rad or m]: a degree, a millimetre."""
+_STEPS = {"rad": math.radians(1.0), "m": 1e-3}  # by which people loosen a requirement: a degree, a millimetre
+_SIDES = "lower", "upper"
 
 
 @dataclass(frozen=True)
@@ -88,61 +86,39 @@ class Held:
 
 
 def prices_of(engine: Engine, target: TaskTarget, said: Confirmation | None) -> tuple[Price, ...]:
-    """The prices of what holds one posture, largest worth first; empty where IPOPT did not confirm it."""
+    """Prices of what holds one posture that a new solve confirms, largest worth first; empty where IPOPT did not."""
     if said is None or not len(said.q) or said.differs:
         return ()
-    return _Priced(engine, target, said).prices
+    problem, parameters, found = engine.optimisation_problem, target.parameters, []
+    sigma = engine.screened(said.q[None], parameters)[0].sigma
+    task = problem.task
+    of_variance = task.criterion == "worst" and not task.minimize and not task.yaw_lever
 
-
-@dataclass(frozen=True)
-class _Priced:
-    engine: Engine
-    target: TaskTarget
-    said: Confirmation
-
-    @property
-    def prices(self) -> tuple[Price, ...]:
-        held = held_by(self.engine.optimisation_problem, self.target, self.said) if self._sigma > 0 else []
-        found = [(one, value) for one in held if (value := self._value(one)) is not None]
-        return tuple(
-            Price(one.requirement, value, one.unit, one.side, one.step, self._sigma - self._again(one, one.step))
-            for one, value in found
-        )
-
-    @cached_property
-    def _sigma(self) -> float:
-        """σ [m] of the program at the posture."""
-        return self.engine.screened(self.said.q[None], self.target.parameters)[0].sigma
-
-    def _value(self, held: Held) -> float | None:
-        """The price [m per unit]; None where solving again does not confirm it."""
-        if not minimises_variance(self.engine.optimisation_problem):
-            step = _CHECKED_STEP * held.step
-            slope = (self._again(held, -step) - self._again(held, step)) / (2 * step)
-            return slope if math.isfinite(slope) else None
-        price = held.worth * self.target.scale / (2 * self._sigma)
-        step = min(_CHECKED_STEP * held.step, 1e-5 * self._sigma / price)  # a change of σ by 1e-5
-        gain = (self._sigma - self._again(held, step)) / step
-        return price if abs(gain - price) <= 0.03 * price else None  # 3 %: the change is no derivative
-
-    def _again(self, held: Held, amount: float) -> float:
+    def again(held: Held, amount: float) -> float:
         """σ [m] with a requirement loosened by ``amount`` units, from the posture; NaN where nothing is found."""
-        parameters = self.target.parameters
-        ends = held.loosened(self.engine.optimisation_problem.nlp.ends(parameters), amount)
-        outcome = self.engine.confirming.solve(self.said.q, parameters, ends)
-        return self.engine.screened(outcome.x[None], parameters)[0].sigma if outcome.optimal else math.nan
+        ends = held.loosened(problem.nlp.ends(parameters), amount)
+        outcome = engine.confirming.solve(said.q, parameters, ends)
+        return engine.screened(outcome.x[None], parameters)[0].sigma if outcome.optimal else math.nan
 
-
-def minimises_variance(problem: OptimisationProblem) -> bool:
-    """Whether the objective is the variance along the worst axis over its scale, and nothing else."""
-    return problem.task.criterion == "worst" and not problem.task.minimize and not problem.task.yaw_lever
+    for held in held_by(problem, target, said) if sigma > 0 else []:
+        step = 0.1 * held.step  # at most a tenth of a step that people take
+        if of_variance:
+            value = held.worth * target.scale / (2 * sigma)
+            step = min(step, 1e-5 * sigma / value)
+            confirmed = abs((sigma - again(held, step)) / step - value) <= 0.03 * value  # the change is no derivative
+        else:
+            value = (again(held, -step) - again(held, step)) / (2 * step)
+            confirmed = math.isfinite(value)
+        if confirmed:
+            gain = sigma - again(held, held.step)
+            found.append(Price(held.requirement, value, held.unit, held.side, held.step, gain))
+    return tuple(found)
 
 
 def held_by(problem: OptimisationProblem, target: TaskTarget, said: Confirmation) -> list[Held]:
     """What holds a posture, most worth first: inequalities with a multiplier, and a tool axis without any tilt."""
-    every = [*_axis(problem, said), *_rows(problem, target, said), *_limits(problem, said)]
     joined: dict[tuple[str, str, str, float], list[HeldEnd]] = {}
-    for one in every:
+    for one in (*_axis(problem, said), *_rows(problem, target, said), *_limits(problem, said)):
         joined.setdefault((one.requirement, one.unit, one.side, one.step), []).extend(one.ends)
     groups = (Held(*key, tuple(ends)) for key, ends in joined.items())
     return sorted(groups, key=lambda held: -abs(held.worth) * held.step)
@@ -151,46 +127,42 @@ def held_by(problem: OptimisationProblem, target: TaskTarget, said: Confirmation
 def _axis(problem: OptimisationProblem, said: Confirmation) -> Iterator[Held]:
     """The tilt of a tool axis held without any, towards where it gains most, ``|λ|`` a rad; rows are sines."""
     rows = [k for k, row in enumerate(problem.nlp.rows) if row.requirement == AXIS and row.equality]
-    size = float(np.linalg.norm(said.row_multipliers[rows]))
+    multipliers = said.row_multipliers[rows]
+    size = float(np.linalg.norm(multipliers))
     if size > _LEAST_MULTIPLIER:
-        multipliers = said.row_multipliers[rows].tolist()
-        ends = tuple(HeldEnd(True, k, True, m / size, m) for k, m in zip(rows, multipliers, strict=True))
-        yield Held("tilt", "rad", "upper", _STEPS["rad"], ends)
+        ends = (HeldEnd(True, k, True, m / size, m) for k, m in zip(rows, multipliers.tolist(), strict=True))
+        yield Held("tilt", "rad", "upper", _STEPS["rad"], tuple(ends))
 
 
 def _rows(problem: OptimisationProblem, target: TaskTarget, said: Confirmation) -> Iterator[Held]:
-    low, high = problem.nlp.row_bounds(target.parameters)
+    ends = problem.nlp.row_bounds(target.parameters)
     for k, row in enumerate(problem.nlp.rows):
         multiplier = float(said.row_multipliers[k])
-        if row.equality or abs(multiplier) <= _LEAST_MULTIPLIER:
-            continue
-        upper = multiplier > 0
-        end = HeldEnd(True, k, upper, 1.0 if upper else -1.0, multiplier)
-        held = _row(row, end, float((high if upper else low)[k]), target)
-        if held is not None:
-            yield held
+        if not row.equality and abs(multiplier) > _LEAST_MULTIPLIER:
+            end = _end(True, k, multiplier)
+            held = _row(row, end, float(ends[end.upper][k]), target)
+            yield from [] if held is None else [held]
 
 
 def _row(row: Row, end: HeldEnd, bound: float, target: TaskTarget) -> Held | None:
     """The requirement of one row in the units that users state it in; None where it is nobody's."""
     if row.requirement == TARGET:
-        return Held(f"region.{row.name.partition('.')[2]}", row.unit, _side(end.upper), _STEPS["m"], (end,))
+        return Held(f"region.{row.name.partition('.')[2]}", row.unit, _SIDES[end.upper], _STEPS["m"], (end,))
     if row.requirement == AXIS:
         if not target.tilt:
             return None  # the slack of an arm that cannot turn its tool at will
         slope, bend = math.sin(2 * target.tilt), math.cos(2 * target.tilt)  # of sin² tilt
         return Held("tilt", "rad", "upper", _STEPS["rad"], (replace(end, shift=slope, bend=bend),))
-    step = 1e-6 * max(1.0, abs(bound))
-    shown = (row.shown(bound + step) - row.shown(bound - step)) / (2 * step)
+    near = 1e-6 * max(1.0, abs(bound))
+    shown = (row.shown(bound + near) - row.shown(bound - near)) / (2 * near)
     if not shown:
         return None
-    side = _side(end.upper if shown > 0 else not end.upper)
-    return Held(
-        row.requirement, row.unit, side, _step(row, row.shown(bound)), (replace(end, shift=end.shift / abs(shown)),)
-    )
+    end = replace(end, shift=end.shift / abs(shown))
+    return Held(row.requirement, row.unit, _SIDES[end.upper == (shown > 0)], _step(row, row.shown(bound)), (end,))
 
 
 def _step(row: Row, bound: float) -> float:
+    """What people would loosen a bound by: a degree, a millimetre, or a tenth of it, rounded down to a power of ten."""
     size = 1 - bound if row.unit == "probability" else abs(bound)
     usual = _STEPS.get(row.unit, math.inf)
     if row.unit in _STEPS and (size >= usual or not size):
@@ -201,11 +173,11 @@ def _step(row: Row, bound: float) -> float:
 def _limits(problem: OptimisationProblem, said: Confirmation) -> Iterator[Held]:
     for k, variable in enumerate(problem.nlp.variables):
         multiplier = float(said.bound_multipliers[k])
-        if variable.lower < variable.upper and abs(multiplier) > _LEAST_MULTIPLIER:
-            upper = multiplier > 0
-            end = HeldEnd(False, k, upper, 1.0 if upper else -1.0, multiplier)
-            yield Held(f"{variable.name}.limits", variable.unit, _side(upper), _STEPS[variable.unit], (end,))
+        if variable.lower < variable.upper and abs(multiplier) > _LEAST_MULTIPLIER:  # a joint that is held has none
+            end = _end(False, k, multiplier)
+            yield Held(f"{variable.name}.limits", variable.unit, _SIDES[end.upper], _STEPS[variable.unit], (end,))
 
 
-def _side(upper: bool) -> str:
-    return "upper" if upper else "lower"
+def _end(row: bool, index: int, multiplier: float) -> HeldEnd:
+    upper = multiplier > 0
+    return HeldEnd(row, index, upper, 1.0 if upper else -1.0, multiplier)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posture_opt.numerics import TURN, Array
+from posture_opt.numerics import TURN, Array, Mask
 from posture_opt.robot.robot import Robot
 
 _MAX_EXACT_POSTURES = 12  # postures: 2^12 x 12 states of the dynamic program take half a second
@@ -27,7 +27,7 @@ class VisitingOrder:
 
 def moves(robot: Robot, Q: Array) -> Array:
     """(K, K) largest change of a joint between postures (K, n); slides are left out where other joints turn."""
-    turns = np.array([joint.type == "revolute" for joint in robot.joints])
+    turns = _turning(robot)
     counted = Q[:, turns] if turns.any() else Q
     return np.asarray(np.abs(counted[:, None] - counted[None]).max(axis=2))
 
@@ -52,7 +52,7 @@ def best_order(robot: Robot, Q: Array) -> VisitingOrder:
 def nearest_turns(robot: Robot, Q: Array, order: Sequence[int]) -> Array:
     """The same postures (K, n), joints turned by whole turns within their limits to be near the one visited before."""
     near = np.array(Q)
-    turning = np.array([joint.type == "revolute" for joint in robot.joints])
+    turning = _turning(robot)
     for before, k in itertools.pairwise(order):
         wanted = np.rint((near[before] - near[k]) / TURN)
         least = np.ceil((robot.lower - near[k]) / TURN - 1e-9)
@@ -83,10 +83,13 @@ def _short_tour(robot: Robot, options: Sequence[Array], chosen: Sequence[int]) -
 
 def _apart(robot: Robot, Q: Array, q: Array) -> Array:
     """(A,) largest difference of a joint between postures (A, n) and one (n,), whole turns taken off."""
-    turns = np.array([joint.type == "revolute" for joint in robot.joints])
-    away = Q - q
+    turns, away = _turning(robot), Q - q
     away = np.where(turns, away - TURN * np.rint(away / TURN), away)
     return np.asarray(np.abs(away[:, turns] if turns.any() else away).max(axis=1))
+
+
+def _turning(robot: Robot) -> Mask:
+    return np.array([joint.type == "revolute" for joint in robot.joints])
 
 
 def _length(D: Array, order: Sequence[int]) -> float:

@@ -70,7 +70,7 @@ class ElasticProblem:
         self._problem = problem
         self.held: dict[int, float] = dict(held or {})
         self.cell: GivingScene = GivingScene.of(problem)
-        self.in_cell: tuple[str, ...] = tuple(row.name for row in self.cell.rows)
+        self.in_cell: tuple[str, ...] = tuple(self.cell.rows)
         terms = dict.fromkeys(row.requirement for row in self._term_rows)
         self.further: tuple[str, ...] = (*([HELD] if self.held else []), *terms, *self.in_cell)
         beside = (*self.cell.movable, *([CLEARANCE] if self.in_cell else []))
@@ -281,7 +281,7 @@ class ElasticProblem:
         row_of, place_of = ({k: name for name, k in names.items()} for names in (cell.obstacles, cell.movable))
         less = ca.vertcat(ca.SX(0, 1), *(slacks[row_of[k]] if k in row_of else ca.SX(0) for k in count))
         shifts = ca.horzcat(ca.SX(3, 0), *(slacks[place_of[k]] if k in place_of else ca.SX.zeros(3) for k in count))
-        margins = ca.vertcat(*(row.margin for row in cell.rows))
+        margins = ca.vertcat(*cell.rows.values())
         (margins,) = ca.substitute(
             [margins], [cell.less, cell.shifts, cell.clearance], [size * less, size * shifts, size * slacks[CLEARANCE]]
         )

@@ -32,14 +32,6 @@ def place_of(obstacle: str) -> str:
 
 
 @dataclass(frozen=True)
-class CellRow:
-    """A row of the cell: ``margin ≥ 0`` where it is met [m]."""
-
-    name: str
-    margin: ca.SX
-
-
-@dataclass(frozen=True)
 class GivingScene:
     """The rows of a problem's cell, with the slacks of its k obstacles as symbols [m]."""
 
@@ -60,24 +52,24 @@ class GivingScene:
         return self.problem.scene
 
     @cached_property
-    def rows(self) -> tuple[CellRow, ...]:
-        """What each row has to spare [m], with the slacks in it."""
+    def rows(self) -> dict[str, ca.SX]:
+        """Name of each row -> what it has to spare [m], with the slacks in it."""
         if self.problem.scene is None:
-            return ()
-        if not self.scene.obstacles:  # of the arm to itself: the rows are there already
-            given = (row for row in self.problem.nlp.rows if row.requirement == SELF_CLEARANCE_ROW)
-            return tuple(CellRow(row.name, row.expression - row.lower + self.clearance) for row in given)
-        beyond = {
-            row_name(o.name): ca.fmax(self.less[k] - self._most(o), 0) for k, o in enumerate(self.scene.obstacles)
-        }
+            return {}
+        obstacles = self.scene.obstacles
+        if not obstacles:  # of the arm to itself: the rows are there already
+            given = [row for row in self.problem.nlp.rows if row.requirement == SELF_CLEARANCE_ROW]
+            return {row.name: row.expression - row.lower + self.clearance for row in given}
+        most = [self._most(obstacle) for obstacle in obstacles]
+        beyond = {row_name(o.name): ca.fmax(self.less[k] - most[k], 0) for k, o in enumerate(obstacles)}
         giving = [
-            obstacle.smaller(ca.fmin(self.less[k], self._most(obstacle))).moved(ca.vertsplit(self.shifts[:, k]))
-            for k, obstacle in enumerate(self.scene.obstacles)
+            obstacle.smaller(ca.fmin(self.less[k], most[k])).moved(ca.vertsplit(self.shifts[:, k]))
+            for k, obstacle in enumerate(obstacles)
         ]
-        return tuple(
-            CellRow(row.name, row.expression - row.lower + self.clearance + beyond.get(row.name, 0))
+        return {
+            row.name: row.expression - row.lower + self.clearance + beyond.get(row.name, 0)
             for row in self.problem.clearance_rows(giving)
-        )
+        }
 
     @cached_property
     def obstacles(self) -> dict[str, int]:
@@ -85,7 +77,7 @@ class GivingScene:
         if self.problem.scene is None:
             return {}
         numbers = {row_name(obstacle.name): k for k, obstacle in enumerate(self.scene.obstacles)}
-        return {row.name: numbers[row.name] for row in self.rows if row.name in numbers}
+        return {name: numbers[name] for name in self.rows if name in numbers}
 
     @cached_property
     def movable(self) -> dict[str, int]:

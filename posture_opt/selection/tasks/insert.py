@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, model_validator
 
 from posture_opt.errors import BadValueError
-from posture_opt.selection.tasks.task import Criterion, Task
+from posture_opt.selection.tasks.task import Task
 from posture_opt.uncertainty.regions.critical import Within
 from posture_opt.uncertainty.spread.held_part import HeldPart
 from posture_opt.units import Length
@@ -30,7 +30,6 @@ class Insert(Task):
     direction_name: ClassVar[str] = "insertion direction"
 
     kind: Literal["insert"]
-    criterion: Criterion = "worst"
     length: Positive | None = Field(None, description="of the peg: its tilt counts")
     diameter: Positive | None = Field(None, description="of the peg, for the probability of wedging")
     friction: float | None = Field(None, gt=0, description="between peg and hole, for the probability of wedging")
