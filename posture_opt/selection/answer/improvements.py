@@ -8,20 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 import numpy as np
 
 from posture_opt.numerics import Array, Json, round_below
 from posture_opt.robot.joint_ranges import drawn_between
+from posture_opt.selection.answer.target_answer import TargetAnswer
 from posture_opt.selection.problem_data import ProblemData
-from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.program.task_target import Reach, TaskTarget
 from posture_opt.selection.search.engine import STEPS, Engine
 from posture_opt.selection.search.search_outcome import is_clear
 from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.uncertainty.sources.workpiece import stated_name
-from posture_opt.uncertainty.spread.budget import Share
 
 MIN_GAIN = 0.005
 """A smaller relative gain is none."""
@@ -64,34 +63,8 @@ class MovedPart(Improvement):
     shift: tuple[float, float, float]
 
 
-class Answered(Protocol):
-    """What is asked of an answer at one station, a ``Solution``."""
-
-    @property
-    def problem(self) -> ProblemData: ...
-    @property
-    def optimisation_problem(self) -> OptimisationProblem: ...
-    @property
-    def engine(self) -> Engine | None: ...
-    @property
-    def target(self) -> TaskTarget: ...
-    @property
-    def q(self) -> Array: ...
-    @property
-    def alternatives(self) -> Sequence[Any]: ...
-    @property
-    def sigma_max(self) -> float: ...
-    @property
-    def budget(self) -> tuple[Share, ...]: ...
-    def sigma_under(self, sources: Sources) -> float:
-        """σ_max [m] in the same posture under other errors."""
-
-    def sigma_at(self, target: TaskTarget, q: Array) -> float:
-        """σ_max [m] at another target in the posture (n,)."""
-
-
 def improvements(
-    stations: Sequence[Answered], combined: Callable[[Array], Any], place: Answered | None = None
+    stations: Sequence[TargetAnswer], combined: Callable[[Array], Any], place: TargetAnswer | None = None
 ) -> tuple[Improvement, ...]:
     """Changes that lower ``combined`` of the K stations' standard deviations (K,) [m], most gain first."""
     before = float(combined(np.array([station.sigma_max for station in stations])))
@@ -122,7 +95,7 @@ def improvements(
     return tuple(sorted(found, key=lambda change: -change.gain))
 
 
-def _weighty(stations: Sequence[Answered], sources: Sources) -> list[tuple[str, float]]:
+def _weighty(stations: Sequence[TargetAnswer], sources: Sources) -> list[tuple[str, float]]:
     """Sources to try: halving one of variance share s lowers σ by ``1 − sqrt(1 − 3 s/4)`` without correlations."""
     every = sorted((share for station in stations for share in station.budget), key=lambda share: share.share)
     shares = {share.parameter: share.share for share in every}
@@ -137,7 +110,7 @@ def _halved(sources: Sources, name: str) -> Sources:
     return Sources(sources.names, sources.covariance * both, sources.notes, sources.scatter * both)
 
 
-def _moved(place: Answered, before: float) -> tuple[float, tuple[float, float, float]] | None:
+def _moved(place: TargetAnswer, before: float) -> tuple[float, tuple[float, float, float]] | None:
     """Least σ_max [m] with the part a short way off, and that way; one batch of local searches for all places."""
     target, problem = place.target, place.optimisation_problem
     if target.kind != "point":

@@ -23,7 +23,8 @@ from posture_opt.selection.answer.infeasible import (
     met_after_all,
     not_met_together,
 )
-from posture_opt.selection.answer.solution import Solution, Status
+from posture_opt.selection.answer.solution import Solution
+from posture_opt.selection.answer.target_answer import Status
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.program.optimisation_problem import (
     Alignment,

@@ -17,7 +17,8 @@ from posture_opt.selection.answer.infeasible import infeasible
 from posture_opt.selection.answer.infeasible_stations import explain_stations
 from posture_opt.selection.answer.placement import Placement, PlacementFigure, PlacementRange
 from posture_opt.selection.answer.selector import PostureSelector, task_of
-from posture_opt.selection.answer.solution import Solution, Status
+from posture_opt.selection.answer.solution import Solution
+from posture_opt.selection.answer.target_answer import Status
 from posture_opt.selection.paths.joint_steps import JointSteps
 from posture_opt.selection.paths.knots import MAX_SEARCHED_POINTS, Knots, knots_of, motions_at_knots
 from posture_opt.selection.paths.motion import Motion, off_lines
