@@ -92,8 +92,7 @@ class Changes:
         return _moved_target(self.problem, self.target, self.way.q, shift)
 
     def _axis(self) -> list[Change]:
-        lacking = float(self.way.lacking[self.elastic.requirements.index(AXIS)])
-        tilt = self._up(self.target.tilt, lacking, "rad")
+        tilt = self._up(self.target.tilt, self.way.lacking[AXIS], "rad")
         if self.task.heading is not None or tilt.value > math.pi / 2:
             return []
         words = f"set tilt: {tilt.text} (now {stated_apart(self.target.tilt, tilt.value, 'rad')})"

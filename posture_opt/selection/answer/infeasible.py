@@ -24,7 +24,7 @@ from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.elastic_problem import AXIS, LIMITS, TARGET, Compromise, ElasticProblem
 from posture_opt.selection.search.engine import CandidatePosture, Engine
 from posture_opt.selection.search.giving_scene import CLEARANCE
-from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE, InverseKinematics, unlimited
+from posture_opt.selection.search.inverse_kinematics import InverseKinematics, unlimited
 from posture_opt.selection.search.multistart import MultistartResult
 from posture_opt.selection.search.relaxation import Change, Reason, Reasons, Relaxation, plane_reason
 from posture_opt.selection.search.search_outcome import SearchStatistics, is_clear
@@ -66,14 +66,13 @@ def not_met_together(engine: Engine, found: MultistartResult, nearest: Candidate
     """What to say where neither search nor inquiry found a posture, nor the requirement in the way."""
     elastic, target = engine.elastic, found.target
     lacking = elastic.lacking(nearest.q[None], target.parameters)[0]
-    way = Compromise(nearest.q, lacking, float(elastic.cost(lacking)), {})
-    missed = [name for name, amount in zip(elastic.requirements, lacking, strict=True) if amount > ROW_TOLERANCE]
+    way = elastic.compromise(nearest.q, lacking, {})
     message = (
-        f"no posture was found that meets all of the requirements, from {found.tried} random starts and by relaxing "
-        "the requirements in turn; more starts may help (solver: {starts: 500})"
+        f"no posture was found that meets all of the requirements, from {found.tried} random starts and by relaxing"
     )
+    message += " the requirements in turn; more starts may help (solver: {starts: 500})"
     whole = Reason(SEARCH, message, nearest.violation, "1")
-    return Explanation(nearest.q, (whole, *Reasons(engine.optimisation_problem, elastic, target, way).of(missed)))
+    return Explanation(nearest.q, (whole, *Reasons(engine.optimisation_problem, elastic, target, way).of(way.giving)))
 
 
 def infeasible(
@@ -145,10 +144,7 @@ class Infeasibility:
     def _clear(self, way: Compromise) -> CandidatePosture | None:
         """The posture of a compromise where exact distances clear it (the rows are lower bounds); no optimum."""
         scene, in_cell = self.problem.scene, self.elastic.in_cell
-        beside = [
-            amount for name, amount in zip(self.elastic.requirements, way.lacking, strict=True) if name not in in_cell
-        ]
-        if scene is None or max(beside, default=0.0) > ROW_TOLERANCE or not is_clear(scene, way.q[None])[0]:
+        if scene is None or {*way.giving} - {*in_cell} or not is_clear(scene, way.q[None])[0]:
             return None
         return replace(self.engine.candidates(way.q[None], self.target)[0], violation=0.0)
 
@@ -169,8 +165,8 @@ class Infeasibility:
         rows = [name for name in names if name in (TARGET, AXIS, LIMITS, *self.elastic.further)]
         if not rows:  # the clearance of the cell gives: what is nearer than that
             lacking = self.elastic.lacking(way.q[None], self.target.parameters)[0]
-            way = replace(way, lacking=lacking)
-            rows = [name for name in self.elastic.in_cell if lacking[self.elastic.requirements.index(name)] > 0]
+            way = self.elastic.compromise(way.q, lacking, way.slacks)
+            rows = [name for name in self.elastic.in_cell if way.lacking[name] > 0]
         return Reasons(self.problem, self.elastic, self.target, way).of(rows)
 
     def relaxation(self, names: Sequence[str], way: Compromise, ways: Sequence[Way], does: Does) -> Relaxation | None:
@@ -178,7 +174,7 @@ class Infeasibility:
         assert self.asked is not None
         assert self.asked.task is not None
         task = self.asked.task
-        given = [name for name in names if way.lacking[self.elastic.requirements.index(name)] > 0]
+        given = [name for name in names if way.lacking[name] > 0]
         if TARGET in given and self._in_solid(way):
             return None  # nobody puts a workpiece there
         reasons = self._reasons_of(given, way, ways)
@@ -209,7 +205,9 @@ class Infeasibility:
 
     def ways(self) -> list[Way]:
         """The requirements that suffice when they give, each way with the compromise that they come to."""
-        every = [name for name in (TARGET, AXIS, LIMITS, *self.elastic.further) if self._may_give(name)]
+        fixed = {TARGET} if self.target.kind == "anywhere" else set()
+        fixed |= set() if self.problem.axis_rows else {AXIS}
+        every = [name for name in (TARGET, AXIS, LIMITS, *self.elastic.further) if name not in fixed]
         names = [TARGET] if TARGET in every and not self._in_reach else every
         alone: dict[str, Compromise] = {}
         in_cell = [name for name in names if name in self.elastic.in_cell]
@@ -225,37 +223,25 @@ class Infeasibility:
         for together in (further, every):  # what was added to the task, before the task itself
             way = self._least(together) if together else None
             if way is not None:
-                return [(self._giving(way), way)]
+                return [(way.giving, way)]
         return []
 
     def _ways_of_cell(self, rows: Sequence[str], near: Sequence[Array]) -> dict[str, Compromise]:
         whole = self._least(rows, near) if rows else None
         if whole is None:
             return {}
-        giving = [name for name in self._giving(whole) if name in rows] or list(rows[:1])
-        found: dict[str, Compromise] = {}
-        for name in giving[:3]:
-            way = whole if len(giving) == 1 else self._least((name,), [whole.q, *near])
-            if way is not None:
-                found[name] = way
+        giving = [name for name in whole.giving if name in rows] or list(rows[:1])
+        near = [whole.q, *near]
+        found = {giving[0]: whole} if len(giving) == 1 else self._alone(giving[:3], near)
         obstacle = {k: name for name, k in self.elastic.cell.movable.items()}
         places = [obstacle[k] for name, k in self.elastic.cell.obstacles.items() if name in found and k in obstacle]
         scene = self.problem.scene
         clearance = [CLEARANCE] if scene is not None and scene.margin > 0 else []
-        for name in (*places, *clearance):
-            way = self._least((name,), [whole.q, *near])
-            if way is not None:
-                found[name] = way
-        return found
+        return found | self._alone([*places, *clearance], near)
 
-    def _giving(self, way: Compromise) -> tuple[str, ...]:
-        lacks = way.lacking > ROW_TOLERANCE
-        return tuple(name for name, gives in zip(self.elastic.requirements, lacks, strict=True) if gives)
-
-    def _may_give(self, name: str) -> bool:
-        if name == TARGET:
-            return self.target.kind != "anywhere"
-        return name != AXIS or self.problem.axis_rows > 0
+    def _alone(self, names: Sequence[str], near: Sequence[Array]) -> dict[str, Compromise]:
+        ways = {name: self._least((name,), near) for name in names}
+        return {name: way for name, way in ways.items() if way is not None}
 
     def _least(self, given: Sequence[str], near: Sequence[Array] = ()) -> Compromise | None:
         """The least that the requirements ``given`` must give, sought from ``near`` and the best others."""

@@ -116,9 +116,8 @@ def _changes(
     assert inquiry.asked is not None
     assert inquiry.asked.task is not None
     task, loosest = inquiry.asked.task, dict[str, Change]()
-    requirements = inquiry.elastic.requirements
     for target, one in zip(targets, way.ways, strict=True):
-        given = [name for name in way.names if one.lacking[requirements.index(name)] > 0]
+        given = [name for name in way.names if one.lacking[name] > 0]
         changes = Changes(inquiry.problem, task, inquiry.elastic, target, one, attempt).of(given)
         if given and not changes:
             return ()

@@ -413,9 +413,8 @@ class PostureSelector:
 
 def task_of(problem: ProblemData) -> Task:
     if problem.task is None:
-        raise InputError(
-            Issue("the problem states no task", ("task",), hint="add task: {kind: insert}, or name one: --task insert")
-        )
+        hint = "add task: {kind: insert}, or name one: --task insert"
+        raise InputError(Issue("the problem states no task", ("task",), hint=hint))
     return problem.task
 
 
@@ -434,7 +433,6 @@ def sources_of(problem: ProblemData) -> Sources:
     if problem.sources.empty or not np.any(np.diag(problem.sources.covariance) > 0):
         hint = "add uncertainty: {sigma: {JOINT.theta: 0.02 deg}} or uncertainty: {repeatability: 0.05 mm}"
         what = "nothing" if problem.workpiece_sources.empty else "nothing of the arm"
-        raise InputError(
-            Issue(f"{what} is uncertain, so no posture is better than another", ("uncertainty",), hint=hint)
-        )
+        message = f"{what} is uncertain, so no posture is better than another"
+        raise InputError(Issue(message, ("uncertainty",), hint=hint))
     return problem.task_sources

@@ -77,24 +77,17 @@ class OptimisationProblem(DerivedAgain):
 
     def check_axis(self, target: TaskTarget) -> None:
         """Raise InputError where the arm cannot do with its tool axis what the task requires."""
-        if self.task.part is not None and not self.axis_rows and not self.fixed_along(target):
-            raise InputError(
-                Issue(
-                    "the length of a peg counts along the tool axis, which this arm cannot bring along the direction",
-                    ("task", "length"),
-                    self.task.part.length,
-                    "name the tool_axis that it can, of a planar arm [1, 0, 0], or leave out the length",
-                )
-            )
-        if self.task.axis_request == "required" and not self.axis_rows and not self.fixed_along(target):
-            raise InputError(
-                Issue(
-                    f"{self.task.kind} needs the tool axis along the direction, which this arm cannot give",
-                    ("task", "kind"),
-                    self.task.kind,
-                    "use kind: insert, which does not constrain the tool orientation of such an arm",
-                )
-            )
+        task = self.task
+        if self.axis_rows or self.fixed_along(target):
+            return
+        if task.part is not None:
+            message = "the length of a peg counts along the tool axis, which this arm cannot bring along the direction"
+            hint = "name the tool_axis that it can, of a planar arm [1, 0, 0], or leave out the length"
+            raise InputError(Issue(message, ("task", "length"), task.part.length, hint))
+        if task.axis_request == "required":
+            message = f"{task.kind} needs the tool axis along the direction, which this arm cannot give"
+            hint = "use kind: insert, which does not constrain the tool orientation of such an arm"
+            raise InputError(Issue(message, ("task", "kind"), task.kind, hint))
 
     @cached_property
     def flat(self) -> bool:

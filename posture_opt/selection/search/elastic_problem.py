@@ -24,9 +24,7 @@ from posture_opt.selection.search.giving_scene import CLEARANCE, GivingScene
 from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE
 
 TARGET, AXIS, LIMITS, HELD = "target", "tool_axis", "limits", "fixed_joints"
-HELD_SLACK = (
-    1e-10  # slack of what may not give: as a variable that is free it keeps IPOPT from counting too few of them
-)
+HELD_SLACK = 1e-10  # of what may not give: as a free variable it keeps IPOPT from counting too few of them
 NORM_ROUNDING = 1e-7  # m or rad, squared: where the norm of a slack near zero is rounded off
 LIMIT_COST_FACTOR = 3.0  # times the cost: limits of joints are built in
 WIDENED_LIMIT = 4 * np.pi  # rad or m: of a joint without its limits
@@ -39,13 +37,18 @@ class Compromise:
     """A posture that meets some requirements only in part."""
 
     q: Array  # (n,) [rad or m]
-    lacking: Array  # (G,) what each requirement lacks [unit]
+    lacking: Mapping[str, float]  # what each requirement lacks [unit]
     cost: float  # Σ lacking, each in its own scale
     slacks: Mapping[str, Array]  # what gives [unit]: target and place of an obstacle (3,)
 
     @property
     def met(self) -> bool:
-        return bool(np.all(self.lacking <= ROW_TOLERANCE))
+        return not self.giving
+
+    @property
+    def giving(self) -> tuple[str, ...]:
+        """The requirements that give."""
+        return tuple(name for name, amount in self.lacking.items() if not amount <= ROW_TOLERANCE)
 
 
 @dataclass(frozen=True)
@@ -124,7 +127,13 @@ class ElasticProblem:
         may = np.array([name in given for name in self.requirements])
         if np.any(lacking[~may] > ROW_TOLERANCE):
             return None
-        return Compromise(q, lacking, float(self.cost(lacking)), self._by_name(slacks))
+        return self.compromise(q, lacking, self._by_name(slacks))
+
+    def compromise(self, q: Array, lacking: Array, slacks: Mapping[str, Array]) -> Compromise:
+        """A posture (n,) with what it lacks (G,)."""
+        return Compromise(
+            q, dict(zip(self.requirements, lacking.tolist(), strict=True)), float(self.cost(lacking)), slacks
+        )
 
     def _by_name(self, slacks: Array) -> dict[str, Array]:
         """Slacks (s,) in their scales as those of the requirements [unit]."""

@@ -74,7 +74,7 @@ class Reasons:
 
     def of(self, names: Sequence[str]) -> tuple[Reason, ...]:
         """What is missed of the requirements ``names``, as far as anything is."""
-        lacking = dict(zip(self.elastic.requirements, map(float, self.way.lacking), strict=True))
+        lacking = self.way.lacking
         return tuple(reason for name in names if lacking[name] > 0 for reason in self._of_one(name, lacking[name]))
 
     def _of_one(self, name: str, amount: float) -> list[Reason]:
@@ -103,10 +103,8 @@ class Reasons:
     def _axis(self, missing: float) -> Reason:
         reached, allowed = shown_apart(self.target.tilt + missing, self.target.tilt, "rad")
         axis = ", ".join(f"{v:g}" for v in self.problem.task.tool_axis)
-        message = (
-            f"at this target the tool axis, [{axis}] of the tool frame, comes no closer than {reached} to the "
-            f"direction, and {allowed} are allowed"
-        )
+        nearest = f"comes no closer than {reached} to the direction, and {allowed} are allowed"
+        message = f"at this target the tool axis, [{axis}] of the tool frame, {nearest}"
         return Reason(AXIS, message, missing, "rad")
 
     def _limits(self) -> list[Reason]:
@@ -128,10 +126,8 @@ class Reasons:
         for k, value in self.elastic.held.items():
             joint, off = self.problem.robot.joints[k], abs(float(self.way.q[k] - value))
             if off > VISIBLE_EXCESS:
-                message = (
-                    f"{joint.name} is held at {shown(value, joint.unit)}, {shown(off, joint.unit)} from where the task "
-                    f"can be done"
-                )
+                held, away = shown(value, joint.unit), shown(off, joint.unit)
+                message = f"{joint.name} is held at {held}, {away} from where the task can be done"
                 found.append(Reason(f"{HELD} of {joint.name}", message, off, joint.unit))
         return found
 

@@ -37,9 +37,8 @@ class Insert(Task):
     @model_validator(mode="after")
     def _whole_peg(self) -> Insert:
         if (self.diameter is None) != (self.friction is None):
-            raise BadValueError(
-                "diameter and friction determine the probability of wedging together", "state both or neither"
-            )
+            message = "diameter and friction determine the probability of wedging together"
+            raise BadValueError(message, "state both or neither")
         if self.diameter is not None and (self.length is None or self.clearance is None):
             raise BadValueError("wedging needs the length of the peg and the clearance of the hole", "add them")
         return self

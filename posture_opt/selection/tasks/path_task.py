@@ -114,15 +114,11 @@ class PathTask(Task):
             return
         gap = math.dist(self.points[0], self.points[-1])
         if gap > _APART:
-            raise BadValueError(
-                f"the path is closed, and its last point is {gap * 1e3:.4g} mm from the first one",
-                "add the first point as the last one too",
-            )
+            message = f"the path is closed, and its last point is {gap * 1e3:.4g} mm from the first one"
+            raise BadValueError(message, "add the first point as the last one too")
         if math.dist(self.unit_axes[0], self.unit_axes[-1]) > _APART:
-            raise BadValueError(
-                "the path is closed, and the tool axis at its end is not that at its beginning",
-                "give the first axis as the last one too",
-            )
+            message = "the path is closed, and the tool axis at its end is not that at its beginning"
+            raise BadValueError(message, "give the first axis as the last one too")
         if len(self.points) < 3:
             raise BadValueError("a closed path has at least two different points", "add points")
 
@@ -163,18 +159,15 @@ class PathTask(Task):
     @model_validator(mode="after")
     def _keys_of_a_path(self) -> PathTask:
         if (self.closed or self.speed is not None) and not self.on_path:
-            raise BadValueError(
-                "closed and speed belong to a path, and none is given", "add points: [[…], …] or path: FILE.csv"
-            )
+            hint = "add points: [[…], …] or path: FILE.csv"
+            raise BadValueError("closed and speed belong to a path, and none is given", hint)
         return self
 
     @model_validator(mode="after")
     def _axes_belong_to_points(self) -> PathTask:
         if self.axes is not None and (self.points is None or len(self.axes) != len(self.points)):
-            raise BadValueError(
-                f"{len(self.axes)} axes for {len(self.points or ())} points",
-                "give one axis [dx, dy, dz] for each point",
-            )
+            message = f"{len(self.axes)} axes for {len(self.points or ())} points"
+            raise BadValueError(message, "give one axis [dx, dy, dz] for each point")
         self.check_closed()
         return self
 
@@ -220,8 +213,6 @@ class SeamTask(PathTask):
     @model_validator(mode="after")
     def _needs_a_seam(self) -> SeamTask:
         if not self.on_path:
-            raise BadValueError(
-                f"{self.kind} follows a seam and none is given",
-                "add path: seam.csv, or points: [[0.5 m, 0 m, 0.1 m], [0.6 m, 0 m, 0.1 m]]",
-            )
+            hint = "add path: seam.csv, or points: [[0.5 m, 0 m, 0.1 m], [0.6 m, 0 m, 0.1 m]]"
+            raise BadValueError(f"{self.kind} follows a seam and none is given", hint)
         return self

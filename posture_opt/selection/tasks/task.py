@@ -168,9 +168,8 @@ class Task(Spec):
     @classmethod
     def _three(cls, value: object, info: ValidationInfo) -> object:
         if isinstance(value, list | tuple) and len(value) != 3:
-            raise BadValueError(
-                f"a position has three coordinates, {len(value)} are given", "write [0.6 m, 0.2 m, 0.1 m]"
-            )
+            message = f"a position has three coordinates, {len(value)} are given"
+            raise BadValueError(message, "write [0.6 m, 0.2 m, 0.1 m]")
         return value
 
     @model_validator(mode="after")
@@ -180,9 +179,8 @@ class Task(Spec):
         if self.criterion == "miss" and not self._all_have_clearance:
             raise BadValueError("criterion miss needs the clearance of the hole", "add for example clearance: 0.2 mm")
         if self.criterion == "none" and not self.minimize:
-            raise BadValueError(
-                "criterion none leaves nothing to minimise", "add for example minimize: [{kind: manipulability}]"
-            )
+            hint = "add for example minimize: [{kind: manipulability}]"
+            raise BadValueError("criterion none leaves nothing to minimise", hint)
         if self.criterion == "miss" and self.within == "all":
             raise BadValueError(f"criterion miss asks about a hole and task {self.kind} has none", "use worst or trace")
         return self
@@ -195,10 +193,8 @@ class Task(Spec):
             word = "position" if self.position is not None else "region"
             raise BadValueError(f"features and {word} are both given", "keep one of them: features have positions")
         if self.workpiece is not None and not self.on_workpiece:
-            raise BadValueError(
-                "the workpiece has neither features nor a path",
-                "add features: [{name: hole 1, position: [30 mm, 0 m, 0 m]}]",
-            )
+            hint = "add features: [{name: hole 1, position: [30 mm, 0 m, 0 m]}]"
+            raise BadValueError("the workpiece has neither features nor a path", hint)
         if "combine" in self.model_fields_set and not self.features:
             raise BadValueError("combine says how features count together and there are none", "add features: [...]")
         return self._combinable()
@@ -208,17 +204,15 @@ class Task(Spec):
             if self.within == "all":
                 raise BadValueError(f"task {self.kind} has no hole to succeed at", "use combine: worst or mean")
             if self.part is not None:
-                raise BadValueError(
-                    "combine: success does not know the length of a peg", "use combine: worst, or leave out the length"
-                )
+                hint = "use combine: worst, or leave out the length"
+                raise BadValueError("combine: success does not know the length of a peg", hint)
             if not self._all_have_clearance:
                 bare = next(feature.name for feature in self.features if feature.clearance is None)
                 hint = "add for example clearance: 0.2 mm to the task, or to every feature"
                 raise BadValueError(f"combine: success needs a clearance, and '{bare}' has none", hint)
             if "criterion" in self.model_fields_set and self.criterion != "miss":
-                raise BadValueError(
-                    f"combine: success makes no use of criterion: {self.criterion}", "leave the criterion out"
-                )
+                message = f"combine: success makes no use of criterion: {self.criterion}"
+                raise BadValueError(message, "leave the criterion out")
         if self.combine == "mean" and self.criterion == "miss":
             raise BadValueError("probabilities to miss have no mean that matters", "write combine: success instead")
         return self

@@ -36,15 +36,12 @@ def _span(dimension: str) -> Any:
             fixed = parse_quantity(value, dimension)
             return fixed, fixed
         if len(value) != 2:
-            raise BadValueError(
-                f"a range has two ends, {len(value)} {'is' if len(value) == 1 else 'are'} given",
-                f"write one value, which is fixed, or [least, most], for example [-{example}, {example}]",
-            )
+            given = f"{len(value)} {'is' if len(value) == 1 else 'are'} given"
+            hint = f"write one value, or [least, most], for example [-{example}, {example}]"
+            raise BadValueError(f"a range has two ends, {given}", hint)
         low, high = (parse_quantity(end, dimension) for end in value)
         if low > high:
-            raise BadValueError(
-                f"the range [{value[0]}, {value[1]}] is empty: its least is above its most", "swap them"
-            )
+            raise BadValueError(f"the range [{value[0]}, {value[1]}] is empty: least above most", "swap them")
         return low, high
 
     text = {"type": "string", "description": f"{dimension} with its unit", "examples": [example]}

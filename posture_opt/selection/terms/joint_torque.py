@@ -43,9 +43,8 @@ class JointTorque(Term):
             raise BadValueError(message, "add mass: 2.5 kg and com: [0 m, 0 m, 0 m] to the joints")
         for index in joints_named(self.at_most, robot) if isinstance(self.at_most, dict) else ():
             if robot.joints[index].type == "prismatic":
-                raise BadValueError(
-                    f"{robot.joints[index].name} is prismatic: it bears a force and no torque", "leave it out"
-                )
+                name = robot.joints[index].name
+                raise BadValueError(f"{name} is prismatic: it bears a force and no torque", "leave it out")
 
     def for_robot(self, robot: Robot, bounded: bool) -> JointTorque:
         """Without a bound of its own, each joint is bounded by its drive: ``effort`` in ``<limit>`` of a URDF."""

@@ -195,9 +195,8 @@ class Term(Spec):
         """Lower and upper bound of each entry [unit]; an InputError without any."""
         low, high = self.bounds()
         if math.isinf(low) and math.isinf(high):
-            raise InputError(
-                Issue(f"{self.kind} states no bound", ("task", "subject_to"), self.kind, "add at_most or at_least")
-            )
+            where = "task", "subject_to"
+            raise InputError(Issue(f"{self.kind} states no bound", where, self.kind, "add at_most or at_least"))
         return [self.bounds()] * len(self.labels(at))
 
     def units_of(self, at: Quantities) -> list[str]:
@@ -247,9 +246,8 @@ def joint_values(values: Mapping[str, JointQuantity], robot: Robot, *, within_li
         wanted = "angle" if joint.type == "revolute" else "length"
         if not given.suits(wanted):
             example = "30 deg" if wanted == "angle" else "80 mm"
-            raise BadValueError(
-                f"{name} is {joint.type} and takes an {wanted}".replace("an l", "a l"), f"write {name}: {example}"
-            )
+            wanted = "an angle" if wanted == "angle" else "a length"
+            raise BadValueError(f"{name} is {joint.type} and takes {wanted}", f"write {name}: {example}")
         if within_limits and not joint.lower <= given.value <= joint.upper:
             raise BadValueError(f"{name} cannot stand there: it lies beyond its limits", "choose a value within them")
         found[index] = given.value
