@@ -6,8 +6,7 @@ from collections.abc import Mapping
 
 from posture_opt.experiments.possible_changes import PossibleChange
 from posture_opt.model.effects import Effect
-from posture_opt.selection.fitted_arm import FittedArm
-from posture_opt.selection.problem_data import ProblemData
+from posture_opt.selection.problem_data import FittedArm, ProblemData
 
 
 def changed_problem(problem: ProblemData, change: PossibleChange, estimate: Mapping[str, float]) -> ProblemData:

@@ -49,8 +49,7 @@ from posture_opt.model.effects import StatedSigma
 from posture_opt.numerics import Array, Codes, Json, Mask, rms, rms_length
 from posture_opt.result import Result
 from posture_opt.selection.comparison.comparison import Comparison
-from posture_opt.selection.fitted_arm import FittedArm
-from posture_opt.selection.problem_data import ProblemData
+from posture_opt.selection.problem_data import FittedArm, ProblemData
 from posture_opt.statements import Statement
 from posture_opt.validation.calibrated_arm import calibrated_models, compare_models
 from posture_opt.validation.repeat_scatter import prismatic_joints

@@ -9,7 +9,7 @@ import numpy as np
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.estimation.fit_request import persistent_sources
 from posture_opt.numerics import Array
-from posture_opt.selection.fitted_arm import FittedArm
+from posture_opt.selection.problem_data import FittedArm
 from posture_opt.uncertainty.sources.sources import Sources
 
 

@@ -41,7 +41,7 @@ SUBROOMS: dict[str, list[str]] = {
     "uncertainty": ["regions", "sources", "moments", "spread", "simulation"],
     "selection": [
         *("terms", "tasks", "registered_tasks", "program", "solvers"),
-        *("fitted_arm", "problem_data", "search", "answer", "stations", "maps", "paths"),
+        *("problem_data", "search", "answer", "stations", "maps", "paths"),
         *("select_posture", "posture_batch", "comparison"),
     ],
     "calibration": ["estimation", "assumptions"],

@@ -10,7 +10,7 @@ from posture_opt.calibration.assumptions.kinematic_coupling import fitted_ratio
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.model.effects import Cause, JointCoupling
 from posture_opt.numerics import Json
-from posture_opt.selection.fitted_arm import NEGLIGIBLE
+from posture_opt.selection.problem_data import NEGLIGIBLE
 
 FRAMES = ("base", "tool")
 

@@ -18,8 +18,7 @@ from posture_opt.diagnosis.causes.delivered_effects import Delivery, covariance_
 from posture_opt.diagnosis.causes.determined_sizes import places_of_parts, stated_parts
 from posture_opt.model.effects import Effect
 from posture_opt.numerics import Array
-from posture_opt.selection.fitted_arm import FittedArm
-from posture_opt.selection.problem_data import ProblemData
+from posture_opt.selection.problem_data import FittedArm, ProblemData
 from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.validation.calibrated_arm import NOMINAL_KEPT
 from posture_opt.validation.calibrated_second_arm import second_arms

@@ -25,7 +25,7 @@ from posture_opt.report.text.words import (
     source_words,
 )
 from posture_opt.robot.robot import Joint, Robot
-from posture_opt.selection.answer.arm_statements import free_frames
+from posture_opt.selection.answer.solution_statements import free_frames
 from posture_opt.statements import Statement
 from posture_opt.statements.notation import (
     joint_unit,

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from posture_opt import Arm, Solution
     from posture_opt.selection.answer.improvements import Improvement
     from posture_opt.selection.answer.prices import Price
-    from posture_opt.selection.answer.solution import Alternative
+    from posture_opt.selection.answer.target_answer import Alternative
     from posture_opt.selection.program.task_target import TaskTarget
     from posture_opt.selection.terms.term import Stated, Term
 

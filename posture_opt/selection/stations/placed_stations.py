@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 
 from posture_opt.numerics import Array, Codes, DerivedAgain, Mask
-from posture_opt.selection.answer.combine import combined_numbers
-from posture_opt.selection.answer.placement import PlacementRange
+from posture_opt.selection.answer.placement import PlacementRange, combined_numbers
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.engine import Engine
 from posture_opt.selection.stations.branch_combination import Branches, best_combination, combination_losses

@@ -1,14 +1,19 @@
-"""The C text of :mod:`posture_opt.selection.search.quadratic_model`, for one point at a time.
+"""C text of the local search: quadratic model and step for one point at a time, and the loop around them.
 
-The same operations in the same order, but for the eigenvalues: here by Jacobi's rotations (Golub and Van Loan 2013,
-section 8.5), which are short to write and exact for the few directions that the rows leave.
+The same operations in the same order as `quadratic_model`, but for the eigenvalues: here by Jacobi's rotations (Golub
+and Van Loan 2013, section 8.5), short and exact for the few directions that the rows leave.
 """
 
 from __future__ import annotations
 
+from posture_opt.collision import contacts_c
+from posture_opt.collision.contacts import MOST_NEAR, POINTS
 from posture_opt.selection.search import quadratic_model as model
 
-_TEXT = """
+_NUMBERS = {**vars(model), "MOST_NEAR": MOST_NEAR, "POINTS": POINTS}
+_DEFINED = [f"#define {k} {v!r}\n" for k, v in _NUMBERS.items() if k.isupper() and isinstance(v, int | float)]
+
+_MODEL = """
 static double po_dot(long long n, const double* a, const double* b) {
   double sum = 0; long long i;
   for (i = 0; i < n; ++i) sum += a[i] * b[i];
@@ -38,9 +43,9 @@ static double* po_model_open(po_model* s, long long n, long long m) {
 static void po_working_set(po_model* s, const double* value, const double* y) {
   long long i;
   for (i = 0; i < s->m + s->n; ++i) {
-    const int below = y[i] < 0 || value[i] < s->low[i] - ENTERED;
+    const int below = y[i] < 0 || value[i] < s->low[i] - WORKING_SET_TOLERANCE;
     s->equal[i] = s->low[i] == s->high[i];
-    s->above[i] = s->equal[i] != 0 || y[i] > 0 || value[i] > s->high[i] + ENTERED;
+    s->above[i] = s->equal[i] != 0 || y[i] > 0 || value[i] > s->high[i] + WORKING_SET_TOLERANCE;
     s->work[i] = s->above[i] != 0 || below;
     s->gap[i] = s->work[i] != 0 ? (s->above[i] != 0 ? s->high[i] : s->low[i]) - value[i] : 0;
   }
@@ -61,7 +66,7 @@ static void po_orthonormal(po_model* s) {
       for (j = 0; j < n; ++j) q[j] -= d * s->Q[k * n + j];
     }
     after = po_dot(n, q, q);
-    l[i] = after > DEPENDENT * before && before > 0 ? sqrt(after) : 0;
+    l[i] = after > DEPENDENT_ROW_TOLERANCE * before && before > 0 ? sqrt(after) : 0;
     for (j = 0; j < n; ++j) q[j] = l[i] > 0 ? q[j] / l[i] : 0;
   }
 }
@@ -191,7 +196,7 @@ static void po_curvature(po_model* s) {
 /* The step within a radius; returns whether the Hessian bends downwards along it. */
 static int po_step(const po_model* s, double radius, double* p) {
   long long n = s->n, k = s->k, i, j, it;
-  double *c = s->spare, least = INFINITY, most = TINY, longest = 0, share, shift, floor;
+  double *c = s->spare, least = INFINITY, most = TINY_CURVATURE, longest = 0, share, shift, floor;
   for (j = 0; j < n; ++j) longest = fmax(longest, fabs(s->normal[j]));
   share = longest > radius ? radius / longest : 1;
   for (i = 0; i < k; ++i) {
@@ -199,13 +204,13 @@ static int po_step(const po_model* s, double radius, double* p) {
     for (j = 0; j < n; ++j) c[i] += s->Z[i * n + j] * (s->slope[j] + share * s->bent[j]);
     least = fmin(least, s->values[i]); most = fmax(most, fabs(s->values[i]));
   }
-  floor = FLAT * most;
+  floor = FLAT_CURVATURE * most;
   shift = fmax(0, floor - least);
-  for (it = 0; it < SHIFTS; ++it) {
+  for (it = 0; it < MAX_SHIFTS; ++it) {
     double size = 0, slope = 0;
     for (i = 0; i < k; ++i) { const double d = s->values[i] + shift, z = c[i] / d; size += z * z; slope += z * z / d; }
     size = sqrt(size);
-    if (!(size > radius * (1 + CLOSE))) break;
+    if (!(size > radius * (1 + RADIUS_TOLERANCE))) break;
     shift += (size / radius - 1) * size * size / slope;
   }
   for (j = 0; j < n; ++j) p[j] = share * s->normal[j];
@@ -238,30 +243,154 @@ static void po_advance(const po_model* s, const double* value, const double* bef
   for (j = 0; j < n; ++j) slope[j] = s->slope[j] + po_dot(n, s->H + j * n, p);
   po_multipliers(s, slope, y);
   po_signed(s, y);
-  for (i = 0; i < m + n; ++i) if (y[i] == 0 && fabs(before[i]) == JOINED) y[i] = before[i] > 0 ? STAYING : -STAYING;
+  for (i = 0; i < m + n; ++i) if (y[i] == 0 && fabs(before[i]) == JOINED_MULTIPLIER)
+    y[i] = before[i] > 0 ? JOINED_MULTIPLIER / 2 : -JOINED_MULTIPLIER / 2;
   for (i = 0; i < m + n; ++i) {
     change[i] = i < m ? po_dot(n, s->A + i * n, p) : p[i - m];
-    if (s->work[i] == 0 && fabs(change[i]) > LEAST)
+    if (s->work[i] == 0 && fabs(change[i]) > LEAST_CHANGE)
       first = fmin(first, fmax(((change[i] > 0 ? s->high[i] : s->low[i]) - value[i]) / change[i], 0));
   }
-  for (i = 0; i < m + n; ++i) if (s->work[i] == 0 && fabs(change[i]) > LEAST) {
+  for (i = 0; i < m + n; ++i) if (s->work[i] == 0 && fabs(change[i]) > LEAST_CHANGE) {
     const double ratio = fmax(((change[i] > 0 ? s->high[i] : s->low[i]) - value[i]) / change[i], 0);
-    if (ratio <= first) y[i] = change[i] > 0 ? JOINED : -JOINED;
+    if (ratio <= first) y[i] = change[i] > 0 ? JOINED_MULTIPLIER : -JOINED_MULTIPLIER;
   }
   for (j = 0; j < n; ++j) p[j] *= first;
 }
 """
 
-C_TEXT = (
-    _TEXT.replace("ENTERED", repr(model.WORKING_SET_TOLERANCE))
-    .replace("DEPENDENT", repr(model.DEPENDENT_ROW_TOLERANCE))
-    .replace("PENALTY", repr(model.PENALTY))
-    .replace("JOINED", repr(model.JOINED_MULTIPLIER))
-    .replace("STAYING", repr(model.STAYING_MULTIPLIER))
-    .replace("LEAST", repr(model.LEAST_CHANGE))
-    .replace("TINY", repr(model.TINY_CURVATURE))
-    .replace("FLAT", repr(model.FLAT_CURVATURE))
-    .replace("SHIFTS", repr(model.MAX_SHIFTS))
-    .replace("CLOSE", repr(model.RADIUS_TOLERANCE))
-)
-"""C text of ``po_model`` and its functions, after `posture_opt.model.row_loop`."""
+_LOOP = """
+/* Where a search stands: m rows of the program, then those of the contacts, then the n variables. */
+typedef struct {
+  long long n, rows, m;
+  double f, *value, *low, *high;
+  po_contact* contacts;
+} po_point;
+
+static void po_visit(po_point* at, po_memory* values_memory, po_scene* scene, const double* x, const double* given) {
+  po_memory* v = values_memory;
+  long long i;
+  v->arg[0] = x; v->arg[1] = given;
+  v->res[0] = &at->f; v->res[1] = at->value; v->res[2] = at->low; v->res[3] = at->high;
+  values(v->arg, v->res, v->iw, v->w, 0);
+  at->m = at->rows;
+  if (scene->pairs) { po_place(scene, x); at->m += po_contacts(scene, MOST_NEAR, at->contacts); }
+  for (i = at->rows; i < at->m; ++i) {
+    const po_contact* c = at->contacts + i - at->rows;
+    at->value[i] = c->distance; at->low[i] = c->least; at->high[i] = INFINITE_BOUND;
+  }
+  for (i = 0; i < at->n; ++i) at->value[at->m + i] = x[i];
+}
+
+static double po_merit_at(const po_point* at, const double* y, const double* of_contacts, double* spare) {
+  long long i;
+  for (i = 0; i < at->m; ++i) spare[i] = i < at->rows ? y[i] : of_contacts[at->contacts[i - at->rows].id];
+  return po_merit(at->m, at->f, at->value, at->low, at->high, spare);
+}
+
+long long posture_opt_loop(long long rows, long long n, long long own, double* q, double* state,
+    const double* parameters, long long parameter_step, const double* request, long long request_step,
+    const double* lower, const double* upper, long long steps, double stationary, double met, double* result,
+    long long capsules, long long pairs, const double* turns, const double* moved, const double* radii,
+    const double* pair, const double* solid, double reach) {
+  po_memory value = {0}, slope = {0}, curvature = {0}, ik = {0};
+  po_scene scene = {n, capsules, pairs, turns, moved, radii, pair, solid, reach};
+  po_model s;
+  long long failed = 0, row, i, j, step, most = own + (pairs ? MOST_NEAR : 0), size = most + n, ids = POINTS * pairs;
+  double* modelled = po_model_open(&s, n, most);
+  double* space = malloc((4 * n + 10 * size + ids + 8) * sizeof *space);
+  po_contact* contacts = malloc((2 * MOST_NEAR + 1) * sizeof *contacts);
+  if (!space || !modelled || !contacts || !po_open(&value, values_work) || !po_open(&slope, slopes_work)
+      || !po_open(&curvature, hessian_work) || !po_open(&ik, restore_work) || !po_scene_open(&scene)) failed = -1;
+  for (row = 0; row < rows && !failed; ++row) {
+    double *x = space, *p = x + n, *back = p + n, *spare = back + n, *y = spare + n, *next = y + size;
+    double *weights = next + size, *full = weights + size, *store = full + ids;
+    po_point here = {n, own, own, 0, store, store + size, store + 2 * size, contacts};
+    po_point there = {n, own, own, 0, store + 3 * size, store + 4 * size, store + 5 * size, contacts + MOST_NEAR};
+    double *base = q + row * n, *kept = state + row * (own + n + ids + 1), *out = result + 5 * row;
+    double *kept_bounds = kept + own, *kept_contacts = kept_bounds + n;
+    const double *given = parameters + row * parameter_step;
+    double distance, furthest, longest, radius = kept_contacts[ids], least;
+    long long still = 0;
+    int indefinite;
+    for (i = 0; i < ids; ++i) full[i] = 0;
+    po_visit(&here, &value, &scene, base, given);
+    for (step = 0; step < steps;) {
+      long long m = here.m, k = m - own;
+      ++step;
+      s.m = m;
+      for (i = 0; i < m; ++i) {
+        s.low[i] = here.low[i]; s.high[i] = here.high[i];
+        y[i] = i < own ? kept[i] : kept_contacts[here.contacts[i - own].id];
+      }
+      for (j = 0; j < n; ++j) {
+        s.low[m + j] = fmax(lower[j], -INFINITE_BOUND); s.high[m + j] = fmin(upper[j], INFINITE_BOUND);
+        y[m + j] = kept_bounds[j];
+      }
+      slope.arg[0] = base; slope.arg[1] = given; slope.res[0] = s.slope; slope.res[1] = s.A;
+      slopes(slope.arg, slope.res, slope.iw, slope.w, 0);
+      if (k) po_place(&scene, base);
+      for (i = 0; i < k; ++i) po_contact_slope(&scene, here.contacts + i, s.A + (own + i) * n);
+      po_working_set(&s, here.value, y);
+      po_orthonormal(&s);
+      po_multipliers(&s, s.slope, next);
+      for (i = 0; i < m; ++i) weights[i] = fmin(fmax(next[i], -MAX_MULTIPLIER), MAX_MULTIPLIER);
+      curvature.arg[0] = base; curvature.arg[1] = given; curvature.arg[2] = weights; curvature.res[0] = s.H;
+      hessian(curvature.arg, curvature.res, curvature.iw, curvature.w, 0);
+      po_contact_curvature(&scene, base, here.contacts, weights + own, k, s.A + own * n, spare, s.H);
+      po_normal(&s); po_free(&s); po_curvature(&s);
+      indefinite = po_step(&s, INFINITY, p);
+      out[3] = indefinite ? INFINITE_BOUND : 0;
+      for (j = 0; j < n && !indefinite; ++j) {
+        double pull = s.slope[j] + po_dot(n, s.H + j * n, p) / 2;
+        for (i = 0; i < m; ++i) pull += s.A[i * n + j] * next[i];
+        out[3] -= pull * p[j];
+      }
+      po_signed(&s, next);
+      for (out[1] = 0, i = 0; i < m; ++i)
+        out[1] = fmax(out[1], fmax(s.low[i] - here.value[i], here.value[i] - s.high[i]));
+      for (out[2] = 0, j = 0; j < n; ++j) {
+        double left = s.slope[j] + next[m + j];
+        for (i = 0; i < m; ++i) left += s.A[i * n + j] * next[i];
+        out[2] = fmax(out[2], fabs(left));
+      }
+      for (i = 0; i < m + n; ++i) if (s.equal[i] == 0) out[2] = fmax(out[2], fabs(next[i] * s.gap[i]));
+      out[0] = here.f;
+      if (out[2] <= stationary && out[1] <= met) break;
+      for (;;) {
+        po_step(&s, radius, p);
+        po_advance(&s, here.value, y, p, next);
+        for (j = 0; j < n; ++j) back[j] = fmin(fmax(base[j] + p[j], lower[j]), upper[j]);
+        ik.arg[0] = back; ik.arg[1] = request + row * request_step; ik.res[0] = x; ik.res[1] = &distance;
+        restore(ik.arg, ik.res, ik.iw, ik.w, 0);
+        po_visit(&there, &value, &scene, x, given);
+        for (i = 0; i < k; ++i) full[here.contacts[i].id] = next[own + i];
+        least = po_merit_at(&here, next, full, weights);
+        distance = po_merit_at(&there, next, full, weights);
+        least = least + MERIT_TOLERANCE * fmax(1, fabs(least)) + fmin(VIOLATION_PRICE * out[1], MOST_VIOLATION);
+        if (distance <= least) { longest = -1; break; }
+        for (longest = 0, j = 0; j < n; ++j) longest = fmax(longest, fabs(p[j]));
+        radius = SMALLER * fmin(radius, longest);
+        if (!(radius >= SMALLEST_RADIUS)) break;
+      }
+      for (i = 0; i < k; ++i) full[here.contacts[i].id] = 0;
+      if (longest >= 0) break;
+      radius = fmin(LONGEST_STEP, LARGER * radius);
+      for (furthest = 0, j = 0; j < n; ++j) furthest = fmax(furthest, fabs(x[j] - base[j]));
+      for (i = 0; i < ids; ++i) kept_contacts[i] = 0;
+      for (i = 0; i < own; ++i) kept[i] = next[i];
+      for (i = 0; i < k; ++i) kept_contacts[here.contacts[i].id] = next[own + i];
+      for (j = 0; j < n; ++j) { base[j] = x[j]; kept_bounds[j] = next[m + j]; }
+      { const po_point left = here; here = there; there = left; }
+      still = furthest > LEAST_CHANGE ? 0 : still + 1;
+      if (still == MAX_IDLE_STEPS) break;
+    }
+    out[4] = (double)step; kept_contacts[ids] = radius;
+  }
+  free(space); free(modelled); free(contacts); po_close(&value); po_close(&slope); po_close(&curvature); po_close(&ik);
+  po_scene_close(&scene);
+  return failed;
+}
+"""
+
+LOOP_TEXT = "".join([contacts_c.C_TEXT, *_DEFINED, _MODEL, _LOOP])
+"""C text of ``posture_opt_loop``, around the functions ``values``, ``slopes``, ``hessian`` and ``restore``."""
