@@ -19,7 +19,6 @@ def changed_problem(problem: ProblemData, change: PossibleChange, estimate: Mapp
 
 
 def _with_effect(problem: ProblemData, effect: Effect, estimate: Mapping[str, float]) -> list[object]:
-    """The section ``effects`` with what changed added to the effect of that name, or with it as a further one."""
     entries = list(problem.to_dict().get("effects") or [])
     names = [known.name for known in problem.effects]
     step = [estimate[name] for name in effect.parameter_names]

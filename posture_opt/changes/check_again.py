@@ -22,18 +22,16 @@ from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Codes
 from posture_opt.selection.problem_data import ProblemData
 
+# Fewer cannot tell a frame from a joint: a shift and a turn of a frame alone have six coordinates.
 LEAST_POSTURES = 4
-"""Fewer cannot tell a frame from a joint: a shift and a turn of a frame alone have six coordinates."""
+# Proposed where more than one thing changed, or it is not clear which.
 NEXT_POSTURES = 10
-"""Proposed where more than one thing changed, or it is not clear which."""
 _CANDIDATES = 500  # of these postures
 _LEAST_PROBABILITY = 0.5  # of a verdict, and of what it names
+# Of the probability of changes that the postures cannot tell apart, that the headline holds.  Chosen on 60 draws of
+# the zeros of an iiwa: 44 are named alone and right, 14 with a rival and one of both is right; with 0.9 in its place
+# these are 16 and 43.
 _SURE = 0.8
-"""Of the probability of changes that the postures cannot tell apart, that the headline holds.
-
-Chosen on 60 draws of the zeros of an iiwa: 44 are named alone and right, 14 with a rival and one of both is right; with
-0.9 in its place these are 16 and 43.
-"""
 
 
 @interruptible()
@@ -107,7 +105,6 @@ def _gross_row(data: Measurements, errors: Array, row: int) -> GrossRow:
 
 
 def _next_postures(problem: ProblemData, data: Measurements, seed: int | None) -> tuple[MeasurementPlan | None, str]:
-    """The postures that tell changes apart best on top of the rows; none, and why, where none can be planned."""
     try:
         plan = plan_measurements(
             problem, NEXT_POSTURES, given=data, purpose="recheck", seed=seed, candidates=_CANDIDATES
@@ -132,11 +129,6 @@ def verdict_of(models: Hypotheses) -> tuple[Verdict, tuple[int, ...], tuple[int,
 
 
 def _alike(models: Hypotheses, best: int) -> tuple[int, ...]:
-    """What shares the headline with the likeliest change.
-
-    Of the changes from which these postures are not expected to tell one of its size (a Bayes factor below twenty), the
-    likeliest, until together they have `_SURE` of the probability of all of these.
-    """
     p = models.probabilities.singles
     close = [
         i for i in np.argsort(-p, kind="stable").tolist()
@@ -148,7 +140,6 @@ def _alike(models: Hypotheses, best: int) -> tuple[int, ...]:
 
 
 def _change(models: Hypotheses, index: int, estimate: Estimate, probability: float) -> LikelyChange:
-    """One change with what it does to the tool."""
     possible = models.changes[index]
     motion = models.rows.motion(possible)
     square = float(estimate.mean @ motion @ estimate.mean)
@@ -157,10 +148,7 @@ def _change(models: Hypotheses, index: int, estimate: Estimate, probability: flo
 
 
 def _errors(rows: NewRows, kept: Codes, changes: tuple[LikelyChange, ...]) -> Array:
-    """(N, 3) position errors of the arm with some changes [m]; 0 where a coordinate was not measured.
-
-    Beside changes, what is free is found again, from the rows that are ``kept``.
-    """
+    """(N, 3) position errors of the arm with some changes [m]; 0 where a coordinate was not measured."""
     x = rows.x.copy()
     for change in changes:
         x[rows.columns(change.possible)] += change.estimate.mean

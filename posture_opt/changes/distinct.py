@@ -10,18 +10,14 @@ from posture_opt.changes.new_rows import NewRows
 from posture_opt.experiments.possible_changes import FRAME_PARTS
 from posture_opt.numerics import Array
 
+# Of its motion: by less, a change of a millimetre differs from another by micrometres.
 _ALIKE_SHARE = 0.02
-"""Of its motion: by less, a change of a millimetre differs from another by micrometres."""
+# Of a link that is named as acting like another one: what is shorter is an error and no part of the arm.
 _LEAST_LENGTH_M = 5e-3
-"""Of a link that is named as acting like another one: what is shorter is an error and no part of the arm."""
 
 
 def distinct_rows(rows: NewRows) -> NewRows:
-    """The rows with links that act as a frame, or as the zero of a joint, left to it, and links that act alike as one.
-
-    Parallel axes have one distance along them between all: the longest link stands for it. A twist about the axis of a
-    joint is its zero by another name.
-    """
+    """The rows with links that act as a frame, or as the zero of a joint, left to it, and links that act alike as one."""
     factors = rows.residuals.robot.parameters
     lengths = {name: abs(factor.nominal) for name, factor in factors.items()}
     frames = {name: rows.twists([f"{name}.{part}" for part in FRAME_PARTS]) for name in ("base", "tool")}

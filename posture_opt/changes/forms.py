@@ -11,8 +11,8 @@ from posture_opt.changes.new_rows import NewRows
 from posture_opt.experiments.possible_changes import PossibleChange
 from posture_opt.numerics import Array, Codes
 
+# Sizes of a change: 0.06 to 64 mm of motion of the tool, of a joint the same in mrad.
 SIZES_M = np.asarray(1e-3 * 2.0 ** np.arange(-4, 7), dtype=float)
-"""Sizes of a change: 0.06 to 64 mm of motion of the tool, of a joint the same in mrad."""
 _MIN_MOTION_SHARE = 1e-9  # of the largest mean square motion of a change: less is none
 
 

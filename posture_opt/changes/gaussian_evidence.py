@@ -11,8 +11,8 @@ import numpy as np
 from posture_opt.numerics import Array
 
 NOISE_SPREAD = 0.2
+# Noise over what instrument and scatter are stated as: known to 20 %.
 NOISE_LEVELS = np.exp(NOISE_SPREAD * np.linspace(-2, 2, 7))
-"""Noise over what instrument and scatter are stated as: known to 20 %."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,7 +22,6 @@ class GaussianRows:
     Args:
         r: (d,) residuals, model minus measurement; A: (d, K) derivatives of the model.
         e: (d,) eigenvalues of ``P Pᵀ``.
-        rest: squared length of the residuals that no column reaches, in ``freedom`` dimensions.
     """
 
     r: Array

@@ -9,14 +9,14 @@ from posture_opt.changes.hypotheses import PRIOR, Hypotheses
 from posture_opt.changes.new_rows import NewRows
 from posture_opt.numerics import Array, Codes
 
+# So many rows are left at least.
 LEAST_ROWS = 4
-"""So many rows are left at least."""
+# Of the rows: where more contradict the others, it is the arm.
 _MOST_SHARE = 0.2
-"""Of the rows: where more contradict the others, it is the arm."""
 _TRIED = 8  # rows, those of the largest errors, each time
 _LEAST_ERROR = 4.0  # standard deviations of a reading: what fits as well is not gross
+# Sizes of a gross error in standard deviations of a reading, all alike probable: at 0.05 mm from 1 mm to 1 m.
 _SIZES = 20.0 * 4.0 ** np.arange(6)
-"""Sizes of a gross error in standard deviations of a reading, all alike probable: at 0.05 mm from 1 mm to 1 m."""
 
 
 def without_gross_rows(rows: NewRows) -> tuple[Hypotheses, Codes]:
@@ -43,7 +43,6 @@ def without_gross_rows(rows: NewRows) -> tuple[Hypotheses, Codes]:
 
 
 def _suspects(models: Hypotheses, kept: Codes) -> Codes:
-    """The rows with the largest errors beside the likeliest single change."""
     best = int(np.argmax(models.log_singles))
     own, estimate = models.own[best][0], models.estimates()[best]
     left = own.r + own.A[:, own.columns(models.changes[best])] @ estimate.mean
@@ -53,7 +52,6 @@ def _suspects(models: Hypotheses, kept: Codes) -> Codes:
 
 
 def _log_gross(rows: NewRows, kept: Codes, others: Codes) -> float:
-    """Log of prior times density of the one row that is not among the others, as a gross one."""
     (row,) = set(kept.tolist()) - set(others.tolist())
     r = _by_row(rows, rows.r)[row]
     logs = -0.5 * float(r @ r) / _SIZES**2 - len(r) * np.log(_SIZES * np.sqrt(2 * np.pi))

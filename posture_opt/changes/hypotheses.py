@@ -27,19 +27,19 @@ from posture_opt.changes.new_rows import NewRows
 from posture_opt.experiments.possible_changes import PossibleChange
 from posture_opt.numerics import Array, Codes
 
+# Before the new rows: an arm is checked after an incident, and is most often found as it was.
 PRIOR = {"unchanged": 0.6, "one": 0.3, "two": 0.07, "unexplained": 0.03, "gross": 0.03}
-"""Before the new rows: an arm is checked after an incident, and is most often found as it was."""
 _USUAL_M = 0.25e-3
 _LOG_SIZES = -np.log(np.maximum(SIZES_M / _USUAL_M, 1.0))
+# Up to 0.25 mm or mrad all sizes are alike probable, above in inverse proportion: large ones are rare.
 LOG_SIZES = np.asarray(_LOG_SIZES - log_sum(_LOG_SIZES))
-"""Up to 0.25 mm or mrad all sizes are alike probable, above in inverse proportion: large ones are rare."""
 _LOG_LEVELS = -0.5 * (np.log(NOISE_LEVELS) / NOISE_SPREAD) ** 2
 LOG_LEVELS = _LOG_LEVELS - log_sum(_LOG_LEVELS)
+# Noise over what is stated where the rows err in a way that no change makes.
 _UNEXPLAINED_LEVELS = 2.0 ** np.arange(1, 9)
-"""Noise over what is stated where the rows err in a way that no change makes."""
 _PAIRED = 6  # likeliest single changes that are tried with every other one
+# Standard deviations of a row by which a tangent may miss before the rows are linearised about the estimate.
 _TANGENT_ERROR = 0.3
-"""Standard deviations of a row by which a tangent may miss before the rows are linearised about the estimate."""
 _MAX_STEPS = 5
 _MIN_WEIGHT = 1e-6  # of a part of an estimate
 
@@ -49,8 +49,6 @@ class Hypotheses:
     """Every model of what happened, with its log evidence on the new rows.
 
     Args:
-        rows: linearised; ``gaussian`` the same in coordinates in which their covariance is diagonal.
-        forms: of each change that moves the tool.
         own: (C,) the rows of each change, linearised about its estimate where that is large, and as ``gaussian``.
     """
 
@@ -73,7 +71,6 @@ class Hypotheses:
         return found
 
     def _closer(self, index: int) -> tuple[NewRows, GaussianRows]:
-        """The rows linearised about the estimate of a change; as they are, where the tangent serves there."""
         own, _ = self.own[index]
         x = self.rows.x.copy()
         x[self.rows.columns(self.changes[index])] += self._estimate(index).mean
@@ -117,7 +114,6 @@ class Hypotheses:
 
     @cached_property
     def _likeliest(self) -> tuple[int, int]:
-        """The likeliest single change, and the noise level at which it is."""
         best = int(np.argmax(self.log_singles + np.log(self.weights)))
         return best, int(np.argmax([log_sum(self.tables[best][:, k]) for k in range(len(NOISE_LEVELS))]))
 
@@ -131,7 +127,6 @@ class Hypotheses:
         return {pair: self._log_pair(*pair) for pair in sorted(pairs)}
 
     def _log_pair(self, a: int, b: int) -> float:
-        """Log evidence of two changes by the widest form of each, at one noise level, as that of all levels."""
         first, second = self.forms[a][-1], self.forms[b][-1]
         _, gains = _pair_gains(*self._pair_equations(a, b), first, second)
         best, level = self._likeliest
@@ -140,11 +135,9 @@ class Hypotheses:
         return log_sum(gains) + float(density)
 
     def _both(self, a: int, b: int) -> GaussianRows:
-        """The rows for two changes together: linearised as for the likelier one."""
         return self.own[a if self.log_singles[a] > self.log_singles[b] else b][1]
 
     def _pair_equations(self, a: int, b: int) -> tuple[Array, Array]:
-        """The normal equations of two changes, by the widest form of each, at the likeliest noise level."""
         first, second = self.forms[a][-1], self.forms[b][-1]
         G, h = self._both(a, b).normal[self._likeliest[1]]
         at = np.concatenate([first.columns, second.columns])
@@ -188,7 +181,6 @@ class Hypotheses:
         return found
 
     def _estimate(self, index: int) -> Estimate:
-        """The estimate of one change alone, over all forms, noise levels and sizes."""
         table = self.tables[index]
         weights = np.exp(table - log_sum(table))
         parts, shares = [], []
@@ -200,11 +192,9 @@ class Hypotheses:
 
     @staticmethod
     def _of_parameters(form: Form, t: Estimate) -> Estimate:
-        """An estimate of t as one of all parameters of the change."""
         return Estimate(form.W @ t.mean, form.W @ t.covariance @ form.W.T)
 
     def _pair_estimate(self, a: int, b: int) -> tuple[Estimate, Estimate]:
-        """The estimates of two changes with one another, at the likeliest noise level and the likeliest sizes."""
         first, second = self.forms[a][-1], self.forms[b][-1]
         H, h = self._pair_equations(a, b)
         sizes, gains = _pair_gains(H, h, first, second)
@@ -217,10 +207,7 @@ class Hypotheses:
         )
 
     def expected_preference(self, one: int, other: int) -> float:
-        """Log Bayes factor by which rows are expected to prefer a change, of its estimated size, to another one.
-
-        At the likeliest noise level; expected over the noise of rows in which the first change is made.
-        """
+        """Log Bayes factor by which rows are expected to prefer a change, of its estimated size, to another one."""
         theta = self._estimate(one).mean
         at = self.forms[one][-1].columns
         return self._expected_gain(one, at, theta) - self._expected_gain(other, at, theta)
@@ -238,8 +225,6 @@ class Hypotheses:
 
     def power(self, index: int, shift: float, draws: Array) -> float:
         """Probability that a change of this root mean square motion [m] is detected, in its least visible direction.
-
-        It is detected where it becomes likelier than no change.
 
         Args:
             draws: (n, 6) of standard normal numbers.
@@ -260,7 +245,6 @@ class Probabilities:
     """Of every model after the new rows; they sum to one.
 
     Args:
-        unchanged: nothing changed; ``unexplained`` the rows err in a way that no change makes.
         singles: (C,) of each change alone; ``pairs`` of two together.
     """
 
@@ -292,9 +276,6 @@ class Probabilities:
 def _pair_gains(H: Array, h: Array, first: Form, second: Form) -> tuple[Array, Array]:
     """Prior standard deviations (S, p) of two changes on the grid of their sizes, and the gain (S,) of each pair of
     sizes, their prior included; every other size of the grid.
-
-    Args:
-        H: (p, p) and h (p,) normal equations of both.
     """
     p, q = first.W.shape[1], second.W.shape[1]
     a, b = (form.sizes[::2] / form.W.shape[1] ** 0.5 for form in (first, second))

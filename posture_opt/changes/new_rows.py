@@ -18,8 +18,8 @@ from posture_opt.numerics import Array, Codes, stacked_rows
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.uncertainty.sources.sources import Sources
 
+# A turn of the tool counts as what it shifts a point so far from the tool point by: the size of a tool.
 TURN_LEVER_M = 0.1
-"""A turn of the tool counts as what it shifts a point so far from the tool point by: the size of a tool."""
 _FRAMES = tuple(f"{frame}.{part}" for frame in ("base", "tool") for part in FRAME_PARTS)
 _FREE_SIGMA = 1e4  # of what is free, in standard deviations of the rows: next to nothing is known of it
 _FREE_STEPS = 2  # of Gauss-Newton, from what suits the arm without the change
@@ -32,15 +32,11 @@ class NewRows:
     """Whitened residuals ``r = P u + A θ + ε`` of new rows, ε ~ N(0, k² I), u ~ N(0, I), θ what changed.
 
     Args:
-        problem: the calibrated arm.
         residuals: the arm against the rows, in all parameters; ``x`` (K,) those of the calibrated arm [rad, m].
         r: (m,) model minus measurement at the calibrated arm, in units of instrument and scatter of the arm.
         P: (m, p) what is uncertain of the calibrated arm, a standard deviation a column, and what is free.
         A: (m, K) derivatives by all parameters of ``residuals``.
-        changes: what may have changed.
-        free: names of the parameters that are found from every file of data again.
         noise: (N, b, b) Cholesky factors of the covariance of each row.
-        notes: sentences on what was assumed.
     """
 
     problem: ProblemData
@@ -68,11 +64,7 @@ class NewRows:
         return cls(problem, wide, x, r, P, A, changes, frozenset(free), noise, notes)
 
     def about(self, x: Array) -> NewRows:
-        """The same rows linearised at other parameters (K,), `r` carried back to those of the calibrated arm.
-
-        A large change is linear about its own estimate only: a joint that slipped by 60 mrad moves the tool along an
-        arc that leaves its tangent by 2 mm in a metre.
-        """
+        """The same rows linearised at other parameters (K,), `r` carried back to those of the calibrated arm."""
         r, P, A = _linearised(self.problem, self.residuals, self.noise, self.free, x)
         return replace(self, r=r - A @ (x - self.x), P=P, A=A)
 
@@ -114,10 +106,7 @@ class NewRows:
         return tuple(change for change, size in rows if size > _LEAST_MOTION_SHARE * most[change.kind])
 
     def twists(self, names: Sequence[str]) -> Array:
-        """(p, 6 N) motion of the tool per unit of each parameter: its shift and, where turns are measured, their shift.
-
-        World axes; a turn counts by `TURN_LEVER_M` [m], as nothing where orientations are not measured.
-        """
+        """(p, 6 N) motion of the tool per unit of each parameter: its shift and, where turns are measured, their shift."""
         return np.array([self._motions[name] for name in names])
 
     @cached_property
@@ -144,7 +133,6 @@ def _linearised(
 def _in_all_parameters(
     residuals: Residuals, x0: Array, changes: Sequence[PossibleChange], sources: Sources
 ) -> Residuals:
-    """The residuals with what is free, what is uncertain and what may have changed as parameters, each once."""
     wide = residuals.with_effects(effects_of(changes), x0)
     free = [residuals.parameters[i] for i in residuals.free]
     factors = residuals.robot.parameters

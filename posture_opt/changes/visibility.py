@@ -11,12 +11,12 @@ from posture_opt.changes.hypotheses import Hypotheses
 from posture_opt.experiments.possible_changes import change_name
 from posture_opt.numerics import Array, Json, finite_or_none
 
+# Probability of being detected from which on a change counts as visible.
 POWER = 0.9
-"""Probability of being detected from which on a change counts as visible."""
+# The motion of the tool whose probability of being detected is reported [m].
 REFERENCE_M = 0.1e-3
-"""The motion of the tool whose probability of being detected is reported [m]."""
+# Motions between which the visible one is searched, by halving their ratio so often:
 _LEAST_M, _MOST_M = 1e-5, 0.05
-"""Motions between which the visible one is searched, by halving their ratio so often:"""
 _HALVINGS = 9
 _DRAWS = 400
 
@@ -26,8 +26,6 @@ class Visibility:
     """What can be seen of one possible change, in the direction in which least is seen.
 
     Args:
-        kind, target: of the change.
-        power: probability that it is detected where it moves the tool by 0.1 mm, root mean square over the rows.
         shift: the motion of the tool [m] that is detected with a probability of 90 %; infinite where none is.
         size, unit: the same as a deviation of the parameter [SI]; NaN for frames, where it is the shift.
     """
@@ -64,7 +62,6 @@ def visibilities(models: Hypotheses) -> tuple[Visibility, ...]:
 
 
 def _visibility(models: Hypotheses, index: int, draws: Array) -> Visibility:
-    """Of one change, by its simplest form."""
     change, form = models.changes[index], models.forms[index][0]
     shift = _visible_motion(models, index, draws)
     single = len(change.parameters) == 1

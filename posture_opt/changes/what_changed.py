@@ -24,8 +24,8 @@ from posture_opt.selection.problem_data import ProblemData
 from posture_opt.statements import Quantity, Statement, state
 
 Verdict = Literal["unchanged", "changed", "several", "unclear"]
+# Of the probability of the likeliest change: what is likelier than this is a rival of it.
 RIVAL_SHARE = 0.05
-"""Of the probability of the likeliest change: what is likelier than this is a rival of it."""
 _MAX_RIVALS = 3  # named in a sentence
 
 
@@ -35,7 +35,6 @@ class LikelyChange:
 
     Args:
         possible: what it is; ``estimate`` mean and covariance of its parameters [rad, m or SI of the effect].
-        probability: that it changed; the pairs that it is part of count by half.
         shift: root mean square motion of the tool by it over the rows [m].
     """
 
@@ -103,7 +102,6 @@ class GrossRow:
     """A row that no change explains and all others contradict, as a misread target.
 
     Args:
-        line: its line in the file.
         error: how far it is from the arm as all other rows have it [m].
     """
 
@@ -232,7 +230,6 @@ def recheck_statements(found: Recheck) -> tuple[Statement, ...]:
 
 
 def _verdict(found: Recheck) -> Statement:
-    """What changed, with its probability and the condition of that."""
     first = found.changes[0]
     several = Quantity(found.probabilities.several, "share")
     if found.verdict == "unchanged":
@@ -255,7 +252,6 @@ def _verdict(found: Recheck) -> Statement:
 
 
 def _details(found: Recheck) -> Iterator[Statement]:
-    """What follows the verdict."""
     if found.verdict == "unchanged":
         yield from _power(found)
         return
@@ -276,7 +272,6 @@ def _details(found: Recheck) -> Iterator[Statement]:
 
 
 def _inspections(found: Recheck) -> Iterator[Statement]:
-    """What to look at on the arm: of everything that may be the one change."""
     either = (found.changes[0], *found.shared)
     names: dict[str, str] = {}
     for change in either:
@@ -288,14 +283,12 @@ def _inspections(found: Recheck) -> Iterator[Statement]:
 
 
 def _inspection(found: Recheck, change: LikelyChange) -> str:
-    """What to look at of one change."""
     known = change.possible
     cause = GeometricDeviation.of(known.parameters[0]) if known.effect is None else known.effect
     return cause.inspect(found.problem.robot)
 
 
 def _power(found: Recheck) -> Iterator[Statement]:
-    """How many changes of 0.1 mm would be detected, and which is the hardest to detect."""
     seen = sum(visible.power >= POWER for visible in found.visible)
     yield state("changes.power", seen=seen, changes=len(found.visible), motion=Quantity(REFERENCE_M, "stated length"))
     least = min(found.visible, key=lambda visible: visible.power)

@@ -19,19 +19,15 @@ if TYPE_CHECKING:
 _EQUAL_CYCLES_TOLERANCE = 0.05  # of the cycles of a line, by which those of other joints are the same
 _MIN_SHARED_KINDS = 2  # in which two joints err alike by more than chance
 
+# ``inspect`` the part; ``compensate`` by corrected commands and open nothing; ``check_instrument`` first; ``confirm``
+# on other rows what a test file does not show; ``measure`` more where the size is open; ``ignore`` what no arm has.
 Action = Literal["inspect", "compensate", "check_instrument", "confirm", "measure", "ignore"]
-"""``inspect`` the part; ``compensate`` by corrected commands and open nothing; ``check_instrument`` first; ``confirm``
-on other rows what a test file does not show; ``measure`` more where the size is open; ``ignore`` what no arm has."""
 Reason = Literal["size_of_catalogues", "one_type", "unconfirmed", "implausible", "like_instrument", "open_size", ""]
 
 
 @dataclass(frozen=True)
 class CauseAction:
-    """What is to be done about one cause, and why it is not simply looked at.
-
-    Args:
-        cycles: range of cycles per revolution in which errors of several joints repeat, where that is the reason.
-    """
+    """What is to be done about one cause, and why it is not simply looked at."""
 
     action: Action
     reason: Reason = ""
@@ -39,12 +35,7 @@ class CauseAction:
 
 
 def cause_actions(causes: Sequence[Finding], test: SecondSession | None, touches: bool) -> tuple[CauseAction, ...]:
-    """The action for each cause, in their order.
-
-    Args:
-        causes: of one diagnosis; ``test`` a test file that they are held against.
-        touches: whether the data are touched points, which no instrument reads.
-    """
+    """The action for each cause, in their order."""
     sure = [f for f in causes if f.determined]
     alike = {
         id(finding): cycles
@@ -57,7 +48,6 @@ def cause_actions(causes: Sequence[Finding], test: SecondSession | None, touches
 def _action(
     finding: Finding, cycles: tuple[float, float] | None, test: SecondSession | None, touches: bool
 ) -> CauseAction:
-    """The action for one cause; the first reason that applies counts."""
     if not finding.determined:
         return CauseAction("measure", "open_size")
     if not finding.plausible:
@@ -82,7 +72,6 @@ def unconfirmed(finding: Finding, test: SecondSession | None) -> bool:
 
 
 def _as_in_catalogues(finding: Finding) -> bool:
-    """Whether it is a periodic error of the size that new gears have, within its own error."""
     cause, rms = finding.cause, finding.sizes.rms
     if not isinstance(cause, Harmonic):
         return False
@@ -93,11 +82,7 @@ def _as_in_catalogues(finding: Finding) -> bool:
 
 
 def of_one_type(findings: Sequence[Finding]) -> dict[tuple[float, float], list[Finding]]:
-    """Range of cycles per revolution -> errors of several joints that repeat about as often, as one type of drive.
-
-    Of each joint the strongest band counts. Two are alike where no more is between them than the ranges of both joints
-    tell apart.
-    """
+    """Range of cycles per revolution -> errors of several joints that repeat about as often, as one type of drive."""
     bands = []
     for finding in findings:
         error = finding.cause
@@ -118,7 +103,6 @@ def of_one_type(findings: Sequence[Finding]) -> dict[tuple[float, float], list[F
 
 
 def _alike(one: tuple[float, float, Finding], other: tuple[float, float, Finding]) -> bool:
-    """Whether two bands of cycles per revolution are the same for all that the ranges of their joints tell."""
     (_, high, first), (low, _, second) = one, other
     apart = min(first.sizes.resolution, second.sizes.resolution)
     return low - high < max(_EQUAL_CYCLES_TOLERANCE * high, apart)
@@ -127,10 +111,7 @@ def _alike(one: tuple[float, float, Finding], other: tuple[float, float, Finding
 def shared_by_neighbours(
     causes: Sequence[Finding], names: Sequence[str]
 ) -> list[tuple[tuple[str, str], list[Finding]]]:
-    """Neighbouring joints, of these names, that err alike in several ways at once, and these causes in pairs.
-
-    Alike is a size of the same kind and sign that is the same within 1.96 of its standard errors, and not zero.
-    """
+    """Neighbouring joints, of these names, that err alike in several ways at once, and these causes in pairs."""
     shared = []
     for joints in pairwise(names):
         own = [[f for f in causes if f.determined and f.target == joint and f.effect] for joint in joints]
@@ -141,7 +122,6 @@ def shared_by_neighbours(
 
 
 def _of_one_size(one: Finding, other: Finding) -> bool:
-    """Whether two findings are of one kind that is no line of a spectrum, and of sizes that agree and are not zero."""
     if one.kind != other.kind or one.cause.spectral_lines:
         return False
     (x, u), (y, v) = (f.sizes.rms or f.effect.plausible_size(f.sizes) for f in (one, other) if f.effect)

@@ -83,7 +83,6 @@ def cause_statements(found: Diagnosis) -> list[Statement]:
 
 
 def _at_data(found: Diagnosis, looked_at: Sequence[Finding]) -> list[Statement]:
-    """What to use, state or measure to know what else the causes could be."""
     said, rivalled = [], [f for f in found.effects if f.confounded_with]
     sided = [f for f in found.effects if f.determined and f.effect and "approach" in f.effect.needs]
     if sided and not found.request.data.approach_given:
@@ -106,7 +105,6 @@ def _at_data(found: Diagnosis, looked_at: Sequence[Finding]) -> list[Statement]:
 
 
 def _confusable(found: Diagnosis) -> list[Statement]:
-    """What each cause may be confused with, and the measurement that discriminates them; pairs of one share a line."""
     splits: dict[str, list[str]] = {}
     for finding in found.effects:
         for label, rival in {rival.title_or_words: rival for rival in finding.confounded_with}.items():

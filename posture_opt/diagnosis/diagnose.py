@@ -47,7 +47,6 @@ class _HeldOut:
     """Errors of rows that a model has not seen, by model, and how the rows were left out.
 
     Args:
-        models: ``extended`` chooses its effects anew in each round.
         groups: (N,) what was left out together; ``parts`` the rounds.
     """
 
@@ -135,10 +134,6 @@ def diagnose(
 
 
 def _held_out_errors(found: Explained) -> _HeldOut:
-    """Errors on held-out rows before calibration, after it, and with the effects.
-
-    The effects are chosen anew in each fold, so that their choice cannot profit from the rows that it is judged by.
-    """
     calibration, model = found.calibration, found.model
     groups, parts = groups_and_folds(calibration)
     held = {name: errors.take(calibration.kept_rows) for name, errors in calibration.held.items()}
@@ -151,11 +146,6 @@ def _held_out_errors(found: Explained) -> _HeldOut:
 
 
 def _all_findings(found: Explained, held: _HeldOut) -> tuple[Finding, ...]:
-    """The causes: what the data refute, effects and noise, then geometry.
-
-    Geometry is tested against the data alone: a prior would make a stated wrong value insignificant. What a former
-    calibration has estimated is as certain as its covariance says.
-    """
     calibration, residuals = found.calibration, found.linearised.sensitivities.residuals
     full = _of_data(found.model, calibration)
     geometry = geometry_causes(
@@ -180,10 +170,6 @@ def _all_findings(found: Explained, held: _HeldOut) -> tuple[Finding, ...]:
 
 
 def _deliver(found: Explained, held: _HeldOut, with_time: bool) -> Delivery:
-    """The arm to plan with, with effects of time or without.
-
-    Its errors are of effects chosen anew in each fold, too, without those that are not delivered.
-    """
     nested, size = found.nested, found.names.size
 
     def judge(fit: Fit, gone: Sequence[Effect]) -> HeldOut:
@@ -197,22 +183,12 @@ def _deliver(found: Explained, held: _HeldOut, with_time: bool) -> Delivery:
 def _predict_session(
     test: Measurements, found: Explained, held: _HeldOut, delivery: Delivery, with_time: bool, refit_frames: bool
 ) -> SecondSession:
-    """The other file predicted, by the arm without effects of time.
-
-    Args:
-        with_time: whether effects of time are in the delivered arm; the other file is predicted without them.
-    """
     calibration, model = found.calibration, found.model
     persistent = _deliver(found, held, with_time=False) if with_time else delivery
     return second_session(test, calibration, model, persistent, refit_frames=refit_frames)
 
 
 def _left_out_rows(thinning: Thinning, found: Explained) -> LargeFile:
-    """The rows left out, predicted by the arm before calibration, the calibrated one, and that with its effects.
-
-    Returns:
-        Their errors by model, none of which saw them.
-    """
     calibrated, model = found.calibration.fit, found.model
     models = {
         "nominal": (calibrated.residuals, found.calibration.x_nominal),
@@ -230,7 +206,6 @@ def _assemble_diagnosis(
     findings: tuple[Finding, ...],
     other: SecondSession | None,
 ) -> Diagnosis:
-    """The result: ``unexplained`` where a test of what is left is significant, or errors are uneven."""
     open_ = found.adequacy_p_value < levels.LACK_OF_FIT_LEVEL or bool(found.uneven)
     verdict: Outcome = "unexplained" if open_ else "effects_found" if findings else "none_found"
     calibration = found.calibration
@@ -257,12 +232,10 @@ def _assemble_diagnosis(
 
 
 def _determined_first(*findings: Finding) -> list[Finding]:
-    """The findings in their order, those whose size the data do not determine last."""
     return sorted(findings, key=lambda finding: not finding.determined)
 
 
 def _estimated_before(calibration: Calibration) -> Estimated:
-    """What the file has from a former calibration: of stated sources, estimates alone are correlated."""
     problem, parameters = calibration.request.problem, calibration.parameters
     if not problem.sources.correlated:
         return Estimated()
@@ -271,7 +244,6 @@ def _estimated_before(calibration: Calibration) -> Estimated:
 
 
 def _of_data(model: Fit, calibration: Calibration) -> Fit:
-    """The model without its prior: by the data alone geometry is judged a cause, whatever is stated of it."""
     if model.prior is None:
         return model
     directions = calibration.identifiability.directions

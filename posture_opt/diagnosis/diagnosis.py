@@ -401,7 +401,6 @@ class Diagnosis(Result):
         return None if self.test is None or place is None else self.test.gains[place]
 
     def _component_json(self, component: UnnamedComponent) -> dict[str, Json]:
-        """An unnamed component with the causes that explain as much in its place."""
         chosen = zip(self.search.chosen, self.search.rivals, strict=True)
         rivals = next((others for s, others in chosen if s.what == component), ())
         return {

@@ -73,7 +73,6 @@ def statements_of(found: Diagnosis) -> tuple[Statement, ...]:
 
 
 def _errors(found: Diagnosis) -> Statement:
-    """RMS error on held-out rows of each model, and the noise below them."""
     data, floor = found.request.data, found.noise_floor
     what = "error" if data.position is not None or data.touches else data.kind.error_words
     models = MODELS if found.fitted_effects else MODELS[:2]
@@ -86,7 +85,6 @@ def _errors(found: Diagnosis) -> Statement:
 
 
 def _beyond_allowed(found: Diagnosis) -> list[Statement]:
-    """That errors are larger than readings and instrument allow, and what the promise of a path is for."""
     said = [state("diagnosis.promise-of-stretches")] if found.by == "stretch" else []
     if found.times_allowed is None or found.verdict != "unexplained":
         return said
@@ -94,7 +92,6 @@ def _beyond_allowed(found: Diagnosis) -> list[Statement]:
 
 
 def _causes(found: Diagnosis) -> list[Statement]:
-    """What explains the errors, or part of them, and what is suspected."""
     geometry = [f for f in found.effects if f.effect is None and f.noise is None]
     others = [f for f in found.effects if f not in geometry and f.determined]
     causes = others or geometry
@@ -114,7 +111,6 @@ def _causes(found: Diagnosis) -> list[Statement]:
 
 
 def _by_title(findings: Sequence[Finding]) -> list[str]:
-    """Causes by what they are and of what: "cyclic error of elbow and wrist_1"; the first three kinds of many."""
     titles: dict[str, list[str]] = {}
     for finding in findings:
         title = finding.cause.title if finding.plausible else f"what looks like {finding.cause.title}"
@@ -141,7 +137,6 @@ def sized_words(found: Diagnosis, finding: Finding) -> str:
 
 
 def _unbuildable(found: Diagnosis) -> list[Statement]:
-    """The correction of the geometry that no arm is built with, where the geometry is a cause."""
     largest = found.unbuildable
     if largest is None or found.overfitted:
         return []
@@ -153,7 +148,6 @@ def _unbuildable(found: Diagnosis) -> list[Statement]:
 
 
 def _far_row(found: Diagnosis) -> list[Statement]:
-    """Within what 95 % of the rows are, and all, or a row that is far off; kinds of instruments differ in accuracy."""
     data, best = found.model.residuals.data, found.errors["extended"]
     if data.part is not None or best.max < _FAR_OFF * best.p95:
         return [state("diagnosis.rows-within", p95=Quantity(best.p95), most=Quantity(best.max))]
@@ -162,7 +156,6 @@ def _far_row(found: Diagnosis) -> list[Statement]:
 
 
 def _delivery(found: Diagnosis) -> list[Statement]:
-    """Which arm is delivered where it is not the one with all effects, and how well it explains these data."""
     delivery, effects = found.delivery, found.model.effects
     held = Quantity(delivery.held.rms)
     rms, outliers = found.delivered
@@ -184,7 +177,6 @@ def _delivery(found: Diagnosis) -> list[Statement]:
 
 
 def _test(found: Diagnosis) -> list[Statement]:
-    """Whether what is delivered holds on a test file, and which causes that file confirms."""
     test = found.test
     if test is None:
         return []
@@ -208,7 +200,6 @@ def _test(found: Diagnosis) -> list[Statement]:
 
 
 def _held_on(found: Diagnosis) -> str:
-    """Whether the effects hold on the test file, as the end of an id."""
     assert found.test is not None
     nominal, calibrated, extended = (found.test.models[name].rms for name in MODELS)
     if extended >= nominal:
@@ -219,7 +210,6 @@ def _held_on(found: Diagnosis) -> str:
 
 
 def _next(found: Diagnosis) -> list[Statement]:
-    """What to measure next: postures that refute the wrong cause, or repeats that tell scatter from structure."""
     if found.split is not None and len(found.split.rows):
         return [state("diagnosis.measure-next", postures=len(found.split.rows))]
     if found.repeats_decide:
@@ -229,12 +219,10 @@ def _next(found: Diagnosis) -> list[Statement]:
 
 
 def _unsided(lines: Sequence[int]) -> list[Statement]:
-    """Rows that are left out as a joint with play came to them from an unknown side."""
     return [state("diagnosis.rows-without-side", lines=listed_lines(lines))] if lines else []
 
 
 def _gain(found: Diagnosis) -> list[Statement]:
-    """What the effects bring on held-out rows, and how near noise is to what they leave."""
     said = []
     if found.fitted_effects:
         which = "gain-significant" if found.gain.low > 0 else "gain-insignificant"
@@ -253,7 +241,6 @@ def _gain(found: Diagnosis) -> list[Statement]:
 
 
 def _goals(goals: MeasuredGoals | None) -> list[Statement]:
-    """What the data say of the choice of postures, where targets were measured in several."""
     if goals is None:
         return []
     old, new = (Quantity(float(np.median(goals.sent[name].missed))) for name in ("nominal", "extended"))

@@ -14,8 +14,8 @@ from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, rms
 
+# Standard deviation of what is added to each number [m, rad]: a thousandth of what laser trackers resolve.
 SCATTER = 1e-9
-"""Standard deviation of what is added to each number [m, rad]: a thousandth of what laser trackers resolve."""
 
 
 def met_exactly(model: Fit) -> bool:

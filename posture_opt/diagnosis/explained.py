@@ -53,13 +53,7 @@ class Explained:
     """What the residuals of a calibration hold, and the arm that was fitted with it.
 
     Args:
-        geometry: the calibrated arm; ``predictive`` with the effects that have a name and that held-out rows need.
         deviations: (S, K, k) of its parameters beside the effects that each fold chose.
-        unnamed: the further components.
-        adequacy: the tests for anything left.
-        noise, uneven: causes that move nothing, and errors that look like one.
-        weights: gravity, and masses, where they are not as the file was taken to say.
-        unrefuted: by place among the names, effects that explain no clearly less, where more than noise is left.
     """
 
     calibration: Calibration
@@ -97,11 +91,7 @@ class Explained:
 
 
 def explain_calibration(calibration: Calibration, draws: int, seed: int, stages: Stages) -> Explained:
-    """What the residuals of a calibration hold, under the gravity and the masses that explain them best.
-
-    Where the sag of the joints asks for another direction of gravity, or for other masses, all is searched for once
-    more with these: they are taken if what is found then, a load among it, leaves clearly less, or needs fewer effects.
-    """
+    """What the residuals of a calibration hold, under the gravity and the masses that explain them best."""
     found = _explain(calibration, draws, seed, stages)
     judges: tuple[Callable[[Calibration], Reading | None], ...] = (better_gravity, refuted_masses)
     for judge in judges:
@@ -120,13 +110,6 @@ def explain_calibration(calibration: Calibration, draws: int, seed: int, stages:
 
 
 def _explain(calibration: Calibration, draws: int, seed: int, stages: Stages) -> Explained:
-    """What the residuals hold under gravity and masses as stated.
-
-    It is searched for once more where that shows that statements of the file are wrong beside the effects, that
-    orientations scatter otherwise, beside positions, than they were weighed for, or that geometry was held near nominal
-    which the data determine beside the effects: what hides in the calibrated arm's errors may have made it seem so, or
-    a σ that is stated wrongly. So it is where effects hid outliers.
-    """
     calibration = without_clear_outliers(calibration)
     found = _explain_residuals(*_search_effects(calibration, draws, seed, stages), seed)
     for judge in (restated, reweighed):
@@ -143,12 +126,6 @@ def _explain(calibration: Calibration, draws: int, seed: int, stages: Stages) ->
 def _explain_residuals(
     calibration: Calibration, linearised: LinearisedData, found: SearchResult, seed: int
 ) -> Explained:
-    """The arm with what was found, and what it leaves.
-
-    Args:
-        found: the search among all candidates; effects of its named set are fitted together with the geometry.
-        calibration, linearised: of the rows that count; seed: of the null distribution of noise.
-    """
     found, predictive = _needed_effects(calibration, linearised, found)
     model, residuals = predictive.fit, linearised.sensitivities.residuals
     geometry, names = calibration.fit_effects(residuals, []), found.names or found
@@ -177,10 +154,6 @@ def _explain_residuals(
 def _needed_effects(
     calibration: Calibration, linearised: LinearisedData, found: SearchResult
 ) -> tuple[SearchResult, PredictiveModel]:
-    """The search without the named effects that held-out rows do not need, and the arm with the others.
-
-    They need none of a set that predicts them no better than geometry alone, chosen anew without them.
-    """
     names = found.names or found
     offered = [s.what for s in names.chosen if isinstance(s.what, Effect)]
     folds = groups_and_folds(calibration)[1]
@@ -191,10 +164,6 @@ def _needed_effects(
 
 
 def _held_by_prior(calibration: Calibration, linearised: LinearisedData, found: SearchResult) -> HeldResiduals | None:
-    """What is left where the prior holds the geometry beside all that was found; None where nothing is known of it.
-
-    The search lets the geometry free: what a wrong prior leaves is nothing that an effect could explain.
-    """
     fit, residuals = calibration.fit, linearised.sensitivities.residuals
     if fit.prior is None:
         return None
@@ -210,7 +179,6 @@ def _held_by_prior(calibration: Calibration, linearised: LinearisedData, found: 
 def _search_effects(
     calibration: Calibration, draws: int, seed: int, stages: Stages
 ) -> tuple[Calibration, LinearisedData, SearchResult]:  # fmt: skip
-    """What the residuals hold; searched once more where effects explain rows that looked like outliers."""
     linearised = linearise_calibration(calibration, draws, seed)
     foldings = _selection_folds(calibration)
     found = search_effects(linearised, foldings, stages.rounds(stages.next()))
@@ -236,7 +204,6 @@ def groups_and_folds(calibration: Calibration) -> tuple[Codes, list[Codes]]:
 
 
 def _selection_folds(calibration: Calibration) -> tuple[Folding, ...]:
-    """How rows are left out: as the calibration does, by which errors are stated, and by block too where it can be."""
     data = calibration.request.data.take(calibration.kept_rows)
     own = Folding(*groups_and_folds(calibration))
     if data.position is None or calibration.by == "block":

@@ -9,8 +9,8 @@ from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.parameters import Parameter
 
+# Standard errors that a certain difference has, at 95 %.
 CERTAIN = 1.96
-"""Standard errors that a certain difference has, at 95 %."""
 _MANUFACTURING_TOLERANCES = {"rad": 5e-3, "m": 5e-3}  # rad, m, of new arms; a choice of taste
 _MAX_OPEN_RATIO = 10.0  # times the standard error among what the data determine: the rest is open
 _MAX_HELD_RATIO = 3.0  # times its standard error is that by the rows alone, of what no tolerance holds
@@ -50,11 +50,7 @@ class Correction:
 
 
 def determined_corrections(calibration: Calibration, model: Fit) -> tuple[Correction, ...]:
-    """The geometric parameters of the arm with its effects that the data determine.
-
-    Left out are those whose standard error is mostly what the data leave open, or what a tolerance of parts holds: a
-    zero of the last joint but one and the length behind it act alike, and the tighter tolerance decides which it is.
-    """
+    """The geometric parameters of the arm with its effects that the data determine."""
     rows = zip(calibration.parameters, model.x, model.std, calibration.std, model.held_by_prior, strict=False)
     return tuple(
         Correction(p, float(x), float(std))

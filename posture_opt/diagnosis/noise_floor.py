@@ -21,9 +21,6 @@ class NoiseFloor:
 
     Args:
         rms: [m] of the length of the position error, all measured axes together; 0 where it is not known.
-        repeated: whether repeats of postures show it; else it is that of the instrument as stated, and how far the
-            arm itself scatters is not known.
-        source: what is stated: an instrument, or the touch of a point.
         stated: the floor by what is stated [m], beside that of repeats; 0 where it is not known.
     """
 
@@ -43,9 +40,6 @@ class NoiseFloor:
 
         ``sqrt(mean |d|²)`` of the contrasts d between repeats of one posture and target, each scaled to the variance of
         one reading; where there are too few, σ √k for k measured axes.
-
-        Args:
-            model: the fitted arm; ``contrasts`` the differences between repeats of its data.
         """
         residuals = model.residuals
         e = model.whitened.reshape(-1, residuals.block)[:, : len(residuals.axes)] * residuals.sigma
@@ -61,9 +55,6 @@ class NoiseFloor:
 
         Rows left out are predicted with the errors of a fit to the others: ``noise · sqrt(1 + k / m)`` for k parameters
         fitted to m numbers.
-
-        Args:
-            rounds: of the cross-validation.
         """
         numbers = len(model.residuals.data) * len(model.residuals.axes)
         return self.rms * float(np.sqrt(1 + model.count / (numbers * (1 - 1 / max(rounds, 2)))))

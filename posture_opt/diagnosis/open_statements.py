@@ -27,11 +27,6 @@ def open_statements(found: Diagnosis) -> list[Statement]:
 
 
 def _structure(found: Diagnosis) -> list[Statement]:
-    """Whether anything is left that no cause explains, how certainly, and where.
-
-    Two tests: whether errors of neighbouring rows are correlated, and whether the model misses poses by more than they
-    repeat (lack of fit). Tests that find nothing are left out.
-    """
     left = found.adequacy
     if found.verdict != "unexplained":
         return [state("diagnosis.structure-none", p=Quantity(left.p_value, "p"))]
@@ -75,7 +70,6 @@ def uneven_statements(uneven: Sequence[UnevenErrors]) -> list[Statement]:
 
 
 def _sums(found: Diagnosis) -> dict[str, list[str]]:
-    """Joints on which several slow curves are needed at once, each with the names of its effects."""
     slow: dict[str, list[str]] = {}
     for _, finding in found.fitted_effects:
         if finding.effect is not None and finding.effect.slow:
@@ -84,7 +78,6 @@ def _sums(found: Diagnosis) -> dict[str, list[str]]:
 
 
 def _not_visible(found: Diagnosis) -> list[Statement]:
-    """Causes that geometry absorbs in these data, that were not searched for, or that no such data can show."""
     said, search = [], found.search
     absorbed = {candidate.what.label for candidate, _ in search.absorbed}
     faint = {j.candidate.what.label for j in search.scored if j.candidate.named and j.rho < _MIN_IDENTIFIABLE_SHARE}
@@ -104,7 +97,6 @@ def _not_visible(found: Diagnosis) -> list[Statement]:
 
 
 def _discrimination(found: Diagnosis) -> list[Statement]:
-    """How to read the table of pairs of causes, and the postures that discriminate them."""
     plan = found.split
     if plan is None:
         return []

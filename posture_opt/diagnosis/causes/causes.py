@@ -44,22 +44,9 @@ class Finding:
     """One cause with its size.
 
     Args:
-        cause: what it is; an effect or a kind of noise as in a problem file.
         estimate: parameter -> (value, standard error, SI unit).
-        p_value: family-wise, of the data without this cause.
-        gain: relative drop of the RMS of held-out rows by it, everything else fitted again without it.
-        confounded_with: causes that could replace it.
-        interval: of the gain, 95 %, by bootstrap over the groups of the cross-validation; of effects alone.
-        determined: whether the data determine the size, whatever else is chosen beside it; else it is stated nowhere.
-        place: of an effect among those of the model; ``stated_parts`` those of its parts that the cause is of.
-        open_part: the rest of that effect: lines that the data do not determine beside others; it is stated nowhere.
-        stated: the effect as the problem file has it; ``estimate`` is its total then.
         refuted_sigma: of a statement of the file that the data refute, its σ [SI], 0 where it was exact; else None. It
             is found before the search: the arm has it, and the model fits no size of it.
-        plausible_range: the sizes that such a cause can have on this arm; None where none is known to be impossible.
-        would_need: what would have to be true for it to be this cause, where its size is beyond that range; else empty.
-        parts: of its joint that turn as often as it repeats.
-        fitted: what the fit says of its size, with what the data are like; None of what is no effect.
     """
 
     cause: Cause
@@ -134,7 +121,6 @@ class Finding:
         return self.cause.inspect_fitted(robot, self.sizes)
 
     def _rival_json(self, rival: Cause) -> dict[str, str]:
-        """Kind and target; of an alias, which has both in common with this cause, what distinguishes it."""
         named = {"kind": rival.kind, "target": rival.target}
         alias = (rival.kind, rival.target) == (self.kind, self.target) and rival.qualifier != self.cause.qualifier
         return {**named, "qualifier": rival.qualifier} if alias else named
@@ -173,13 +159,7 @@ def effect_findings(
     groups: Codes,
     unrefuted: Mapping[int, tuple[Effect, ...]],
 ) -> list[Finding]:
-    """The named effects of a search with their fitted sizes, and what held-out rows lose without each, most first.
-
-    Args:
-        predictive: the arm with these effects; ``model`` the same with the standard errors of the choice, too.
-        groups: what its folds leave out together.
-        unrefuted: by place among the chosen, further effects that could replace it.
-    """
+    """The named effects of a search with their fitted sizes, and what held-out rows lose without each, most first."""
     left = predictive.left_out
     findings = []
     for place, i in enumerate(i for i, s in enumerate(found.chosen) if s.named):
@@ -204,7 +184,6 @@ def effect_findings(
 
 
 def _stated_effect(model: Fit, place: int) -> Effect | None:
-    """The effect in the file that a fitted one adds to."""
     name = model.residuals.parameters[model.slices[place].start].name
     own = next(e for e in model.residuals.arm.effects if name in e.parameter_names)
     return own if any(own.values) else None
@@ -217,11 +196,7 @@ def _named_values(effect: Effect) -> dict[str, float]:
 
 
 def _estimates_of(model: Fit, place: int, parts: Sequence[int] = (0,)) -> dict[str, tuple[float, float, str]]:
-    """Parameter, or shape, -> (value, standard error, SI unit), with what the file states of it.
-
-    Args:
-        parts: those of the effect that are stated.
-    """
+    """Parameter, or shape, -> (value, standard error, SI unit), with what the file states of it."""
     effect, own = model.effects[place].of_parts(parts), _stated_effect(model, place)
     known, part = {} if own is None else _named_values(own), places_of_parts(model, place, parts)
     rows = zip(effect.dimensions, model.x[part], model.std[part], strict=True)
@@ -237,11 +212,7 @@ def _estimates_of(model: Fit, place: int, parts: Sequence[int] = (0,)) -> dict[s
 
 
 def tool_shifts(model: Fit, finding: Finding) -> tuple[Array, Array]:
-    """(N,) how far a cause moves the tool point in each row [m], and the part of it that geometry cannot imitate.
-
-    Args:
-        finding: of an effect of the model.
-    """
+    """(N,) how far a cause moves the tool point in each row [m], and the part of it that geometry cannot imitate."""
     assert finding.place is not None
     residuals = model.residuals
     own = places_of_parts(model, finding.place, finding.stated_parts)
@@ -253,7 +224,6 @@ def tool_shifts(model: Fit, finding: Finding) -> tuple[Array, Array]:
 
 
 def _si_unit(dimension: str) -> str:
-    """The SI unit of a dimension of parameters; 1 of a ratio."""
     return "1" if dimension == "ratio" else DIMENSIONS[dimension][0]
 
 
@@ -264,10 +234,7 @@ def noise_finding(cause: NoiseCause) -> Finding:
 
 
 def contradiction_findings(calibration: Calibration) -> list[Finding]:
-    """What the file states as known and the data refute, as findings; the gain is that of setting it aside.
-
-    They are found before the search: the model has no size of them to fit.
-    """
+    """What the file states as known and the data refute, as findings; the gain is that of setting it aside."""
     return [
         Finding(c.cause, c.estimate, c.p_value, c.gain, refuted_sigma=c.sigma)
         for c in calibration.contradictions
@@ -282,27 +249,18 @@ def geometry_finding(cause: GeometryCause) -> Finding:
 
 
 def _all_determined(estimate: Mapping[str, tuple[float, float, str]]) -> bool:
-    """Whether each of independent estimates is determined."""
     return all(is_determined(np.array([value]), np.array([[std**2]])) for value, std, _ in estimate.values())
 
 
 def unknowable_causes(residuals: Residuals) -> tuple[Limit, ...]:
-    """Causes that are not identifiable from data of this kind, whatever their size.
-
-    Returns:
-        One limit for each kind of cause that says so of these data, as the scale of an instrument of an arm with free
-            lengths.
-    """
+    """Causes that are not identifiable from data of this kind, whatever their size."""
     lengths = [p.name for p in residuals.parameters if p.group == "geometry" and p.unit == "m" and abs(p.nominal) > 0]
     evidence = Evidence(residuals.data.kind.fixes_size, tuple(lengths))
     return tuple(limit for kind in CATALOGUE if (limit := kind.unknowable(evidence)) is not None)
 
 
 def missing_inputs(residuals: Residuals) -> dict[str, tuple[str, str, tuple[str, ...]]]:
-    """Input that the files lack -> what it is, how to supply it, and the kinds of effects that need it.
-
-    Compliances are searched for without the masses of the links too: they are unknowns then.
-    """
+    """Input that the files lack -> what it is, how to supply it, and the kinds of effects that need it."""
     excitation = case_of(residuals.data, residuals.robot)
     have = set(excitation.inputs)
     if any(np.isfinite(j.gear_ratio) for j in residuals.robot.joints):

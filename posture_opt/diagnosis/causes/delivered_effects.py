@@ -23,28 +23,16 @@ from posture_opt.diagnosis.causes.selected_sizes import with_choice_errors
 from posture_opt.model.effects import Effect
 from posture_opt.numerics import Array, Json
 
+# An arm, and the effects that were left out of it -> its errors on held-out rows.
 Judge = Callable[[Fit, Sequence[Effect]], HeldOut]
-"""An arm, and the effects that were left out of it -> its errors on held-out rows."""
 
+# ``together``: with the rest of the delivered arm alone; the last three: left out, and why.
 DeliveredAs = Literal["delivered", "together", "session", "size_undetermined", "no_gain"]
-"""``together``: with the rest of the delivered arm alone; the last three: left out, and why."""
 
 
 @dataclass(frozen=True, eq=False)
 class Delivery:
-    """The arm to plan with.
-
-    Args:
-        fit: geometry and the effects that are delivered; ``held`` its errors on rows held out from the fit.
-        kept: the places of these effects in the model of all effects.
-        session: the places of those that belong to their session: fitted for them to be absent.
-        vague: the places of those whose size the data do not determine: fitted for them to be absent, too.
-        dropped: the places of the others: compared with the calibrated arm, or without those above, held-out rows are
-            predicted no worse without them.
-        together: those of ``kept`` that are sure, or some lines of which are, beside the rest of this very arm only:
-            what they do together predicts held-out rows; beside other effects each would have another size.
-        nominal: whether no effect is delivered, and the geometry of the calibration neither.
-    """
+    """The arm to plan with."""
 
     fit: Fit
     held: HeldOut
@@ -85,18 +73,7 @@ def deliver_arm(
     calibration: Calibration, model: Fit, deviations: Array, held: Mapping[str, HeldOut], parts: Folds, judge: Judge, *,
     with_time: bool = False,
 ) -> Delivery:  # fmt: skip
-    """What is delivered of a model: an arm that predicts held-out rows better than the calibrated one, or that one.
-
-    Effects of the session are still in its data when they are left out of the arm. All else is fitted again for them
-    to be absent, so that the arm does to these data what is said of it; a frame or a joint that moved is where it was
-    on average. So it is with effects whose size the data do not determine. Others that held-out rows do not need any
-    more are left out, too.
-
-    Args:
-        model: the arm with all effects; ``held`` its errors and those of the calibrated arm on held-out rows.
-        judge: errors of an arm that lacks some effects, chosen in each fold as those of ``held`` are.
-        with_time: keep effects of time.
-    """
+    """What is delivered of a model: an arm that predicts held-out rows better than the calibrated one, or that one."""
     stays = [i for i, effect in enumerate(model.effects) if outlasts_session(effect, with_time)]
     session = tuple(i for i in range(len(model.effects)) if i not in stays)
     sure = {i: _sure_parts(model, i) for i in stays}
@@ -123,20 +100,13 @@ def deliver_arm(
 
 
 def _sure_parts(model: Fit, place: int) -> tuple[int, ...]:
-    """The parts of an effect that are delivered: all, if its size as a whole is determined, else the sure ones."""
     if determines_all(model, place):
         return tuple(range(len(model.effects[place].size_parts)))
     return determined_parts(model, place)
 
 
 def _of_kept(model: Fit, deviations: Array, fit: Fit, parts: Mapping[int, Sequence[int]]) -> Array:
-    """Deviations (S, K, k) of the parameters of a fit that has some parts of effects of a model, from the model's.
-
-    The cycles of a line that is all that is left of several were not fitted there: they have none.
-
-    Args:
-        parts: place of an effect in the model -> those of its parts that the fit has.
-    """
+    """Deviations (S, K, k) of the parameters of a fit that has some parts of effects of a model, from the model's."""
     found = np.zeros((*deviations.shape[:-1], len(fit.x)))
     geometry = model.places_of([])
     found[..., : len(geometry)] = deviations[..., geometry]

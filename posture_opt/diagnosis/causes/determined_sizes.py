@@ -16,16 +16,16 @@ from posture_opt.numerics import Array
 def is_determined(values: Array, covariance: Array, columns: Array | None = None) -> bool:
     """Whether a size is larger than its error is at 95 %, all directions of its parameters together.
 
-    The size of parameters θ (k,) is how far they move the tool points, ``|B θ|``, and its error that of a random
-    ``B e``: ``|B θ|² > t χ²_{ν, 0.95} / ν`` with ``t = tr M``, ``ν = t² / tr M²`` and ``M = B C Bᵀ``. A size whose
-    error is large in a single direction, however well all others are known, is none: it is at least 1.96 times its
-    error in the worst one. What has no standard error is no estimate.
+    The size of parameters θ (k,) is how far they move the tool points, ``|B θ|``, and its error that of a random ``B
+    e``: ``|B θ|² > t χ²_{ν, 0.95} / ν`` with ``t = tr M``, ``ν = t² / tr M²`` and ``M = B C Bᵀ``. A size whose error is
+    large in a single direction, however well all others are known, is none: it is at least 1.96 times its error in the
+    worst one. What has no standard error is no estimate.
+
+    Source: Satterthwaite (1946), the distribution of sums of squares of unequal variances.
 
     Args:
         values: θ [SI]; covariance: C (k, k) of them.
         columns: B (m, k), the tool points moved by one unit each; one for all, where they are not given.
-
-    Source: Satterthwaite (1946), the distribution of sums of squares of unequal variances.
 
     Example:
         >>> import numpy as np
@@ -49,15 +49,7 @@ def is_determined(values: Array, covariance: Array, columns: Array | None = None
 
 
 def determined_parts(model: Fit, place: int) -> tuple[int, ...]:
-    """Which parts of an effect have a size that the data of a fit determine, given geometry and all other parts.
-
-    A slow line that trades with the geometry leaves fast ones of the same joint as sure as they are. Where no part is
-    sure by itself, as of lines next to each other, all of them are if their sum is. The standard errors are those with
-    shapes fitted too: a size that trades with its shape is not determined either.
-
-    Args:
-        place: of the effect among those of the model.
-    """
+    """Which parts of an effect have a size that the data of a fit determine, given geometry and all other parts."""
     own, B = model.slices[place], model.effect_columns(place)
     x, C = model.x[own], model.covariance[own, own]
     parts = model.effects[place].size_parts
@@ -72,11 +64,7 @@ def determines_all(model: Fit, place: int) -> bool:
 
 
 def stated_parts(model: Fit, place: int) -> tuple[int, ...]:
-    """The parts of an effect whose sizes are determined as they are stated; what they do to the tool may be so alone.
-
-    Of unknown loads the turn about its mean is stated: a mean turn, which they share with an offset of the joint, moves
-    the tool too.
-    """
+    """The parts of an effect whose sizes are determined as they are stated; what they do to the tool may be so alone."""
     parts, effect = determined_parts(model, place), model.effects[place]
     if not parts or not (isinstance(effect, GravityLoaded) and effect.unstated_loads):
         return parts
@@ -100,10 +88,7 @@ def turn_about_mean(model: Fit, place: int, parts: Sequence[int]) -> tuple[float
 
 
 def turns_of(model: Fit, place: int) -> Array:
-    """(axes, N, k) turn of its joint by one unit of each parameter of an effect [rad].
-
-    Of what acts on no joint it is that of the tool, about three axes.
-    """
+    """(axes, N, k) turn of its joint by one unit of each parameter of an effect [rad]."""
     state = EffectSensitivities(model.residuals, model.x).state
     ones, rows = model.effects[place].sensitivities(state), np.zeros(len(model.residuals.data))
     joints = np.stack([rows + sum(one.joints.values()) for one in ones], axis=-1)

@@ -30,17 +30,7 @@ def extended_arm(
     problem: ProblemData, calibration: Calibration, model: Fit, delivery: Delivery,
     findings: Sequence[Finding], statistics: Mapping[str, Statistics],
 ) -> FittedArm:  # fmt: skip
-    """The arm with its fitted geometry and effects, and what is uncertain of both together.
-
-    Scatter is what the residuals of the delivered arm leave, split as in `residual_scatter`; gravity is that of the
-    base where the fit found it.
-
-    Noise of the instrument or of the data is left out; that of a joint is an effect of the arm.
-
-    Args:
-        model: everything that was fitted; ``delivery`` the arm to plan with.
-        statistics: of every model on held-out rows.
-    """
+    """The arm with its fitted geometry and effects, and what is uncertain of both together."""
     delivered = delivery.fit
     held_out = calibration.errors[calibration.kept_rows] if delivery.nominal else delivery.held.errors
     fitted = _geometry_of(calibration, delivered, held_out)
@@ -72,10 +62,6 @@ def extended_arm(
 
 
 def _written_effects(delivery: Delivery) -> Iterator[tuple[Effect, list[int]]]:
-    """The effects of the file, each with the places of its parameters among those of the fit.
-
-    Marked is what holds together with the rest of the file only; lines that are sure have an entry of their own then.
-    """
     fit = delivery.fit
     for i, place in enumerate(delivery.kept):
         effect = _over_data(fit.effects[i], fit.residuals)
@@ -90,7 +76,6 @@ def _written_effects(delivery: Delivery) -> Iterator[tuple[Effect, list[int]]]:
 
 
 def _over_data(effect: Effect, residuals: Residuals) -> Effect:
-    """An effect with the values of its joint that it was found from."""
     if effect.target not in residuals.robot.joint_names:
         return effect
     q = residuals.data.q[:, residuals.robot.joint_names.index(effect.target)]
@@ -98,11 +83,6 @@ def _over_data(effect: Effect, residuals: Residuals) -> Effect:
 
 
 def _geometry_of(calibration: Calibration, model: Fit, held_out: Array) -> Calibration:
-    """The calibration with the geometry of the extended arm, and the held-out errors that it leaves.
-
-    Args:
-        held_out: (M, 3) errors of the rows that count [m].
-    """
     before = calibration.held["calibrated"]
     errors = before.errors.copy()
     errors[calibration.kept_rows] = held_out
@@ -116,13 +96,6 @@ def _geometry_of(calibration: Calibration, model: Fit, held_out: Array) -> Calib
 def _extended_sources(
     problem: ProblemData, calibration: Calibration, covariance: Array, delivery: Delivery
 ) -> Sources:  # fmt: skip
-    """What is uncertain of geometry and effects, ``[[C_gg, C_ge], [C_eg, C_ee]]``.
-
-    Shapes of effects are held (`covariance_at_shapes`), as a file states them without error.
-
-    Args:
-        covariance: C_gg (k, k) of all parameters of the calibration [rad², m²].
-    """
     places = places_in_robot(calibration.parameters)
     own = list(places.values())
     written = list(_written_effects(delivery))
@@ -147,7 +120,6 @@ def _file_header(
     calibration: Calibration, model: Fit, delivery: Delivery, findings: Sequence[Finding],
     statistics: Mapping[str, Statistics], scatter: str,
 ) -> tuple[str, ...]:  # fmt: skip
-    """The first lines of the file: its data, its errors on held-out rows, and which effects are left out and why."""
     data, effects = calibration.residuals.data, model.effects
     before, middle, after = (f"{statistics[n].rms * 1e3:.3g} mm" for n in ("nominal", "calibrated", "delivered"))
     noises = [f.noise for f in findings if f.noise is not None]

@@ -28,11 +28,7 @@ class GeometryCause:
     """A geometric cause that is named, with its size where it is a single parameter.
 
     Args:
-        deviation: which parameter or frame; ``geometry`` of many together.
         estimate: parameter -> (deviation from the file, standard error, SI unit); empty of many.
-        p_value: of the F test of the parameters that only the larger model has.
-        gain: relative drop of the RMS of held-out rows by it, everything else of its model fitted again without it.
-        confounded_with: parameters that explain as much in its place.
     """
 
     deviation: GeometricDeviation
@@ -48,22 +44,9 @@ def geometry_causes(
 ) -> list[GeometryCause]:  # fmt: skip
     """The geometric causes in addition to the effects: up to three parameters by name, or all of them together.
 
-    Forward selection of single parameters, each the one of largest gain, until the F test of all other geometry is no
-    longer significant; `levels.MAX_NAMED_PARAMETERS` at the most. A parameter that is named is left out of the model
-    of those that are, in which all other geometry is as in the file; geometry that is not, of that of all. What
-    held-out rows do not need is no cause.
-
     Args:
         x_frames: (k,) parameters with only the free frames fitted [SI].
         free: (k, f) directions of the free frames and touched points.
-        full: the model with all geometry fitted.
-        effects: those of the model; their shapes stay as they are there.
-        folds: the rows that each round leaves out.
-        estimated: what the file has as estimates of an earlier calibration: within their errors they are as in the
-            file.
-
-    Returns:
-        Empty where the F test of all geometry is not significant at `levels.GEOMETRY_LEVEL`.
     """
     fits = _FewParameters(residuals, x_frames, free, effects, full, estimated or Estimated())
     nominal = fits.with_only(())
@@ -92,11 +75,7 @@ class Estimated:
 
 @dataclass(frozen=True, eq=False)
 class _FewParameters:
-    """Fits of an arm with free frames, effects and some parameters, all other geometry as in the file; each made once.
-
-    Args:
-        residuals, x_frames, free, effects, full, estimated: as of `geometry_causes`.
-    """
+    """Fits of an arm with free frames, effects and some parameters, all other geometry as in the file; each made once."""
 
     residuals: Residuals
     x_frames: Array
@@ -125,12 +104,10 @@ class _FewParameters:
 
     @property
     def _spread(self) -> float:
-        """The standard deviation of what all geometry leaves, in units of the instrument's."""
         return float(np.sqrt(self.full.variance))
 
 
 def _gain(model: Fit, without: Fit, folds: Folds) -> float:
-    """Relative drop of the RMS of held-out rows from a model without something to one with it."""
     most, least = (
         rms_length(leave_out(fit.residuals, LinearModel.of(fit), folds, []).whole) for fit in (without, model)
     )
@@ -138,7 +115,6 @@ def _gain(model: Fit, without: Fit, folds: Folds) -> float:
 
 
 def _sum_of_squares(model: Fit) -> float:
-    """Sum of squares of the whitened residuals of a model, and of how far it is from former estimates."""
     r = np.concatenate([model.whitened, _known(model) @ model.x])
     return float(r @ r)
 
@@ -149,7 +125,6 @@ def _known(model: Fit) -> Array:
 
 
 def _freed(model: Fit) -> int:
-    """How many directions of the geometry nothing is known of."""
     return len(model.geometry) - (0 if model.prior is None else len(model.prior.rows))
 
 
@@ -171,7 +146,6 @@ def _f_test(small: Fit, large: Fit) -> float:
 
 
 def _needed_parameters(fits: _FewParameters, full: Fit) -> list[int] | None:
-    """The fewest parameters given which the others add nothing significant; None where that takes more than three."""
     chosen: list[int] = []
     while len(chosen) < levels.MAX_NAMED_PARAMETERS:
         gains = _gains_alone(fits.with_only(chosen), [i for i in fits.others if i not in chosen])
@@ -221,7 +195,6 @@ def _gains_alone(model: Fit, candidates: Sequence[int]) -> dict[int, float]:
 
 
 def _single_causes(fits: _FewParameters, chosen: Sequence[int], folds: Folds) -> list[GeometryCause]:
-    """The chosen parameters as causes; without the one that held-out rows need least, if they do not need it."""
     fitted = fits.with_only(chosen)
     without = [fits.with_only([j for j in chosen if j != i]) for i in chosen]
     gains = [_gain(fitted, other, folds) for other in without]
@@ -234,11 +207,6 @@ def _single_causes(fits: _FewParameters, chosen: Sequence[int], folds: Folds) ->
 
 
 def _single_cause(model: Fit, without: Fit, i: int, others: Sequence[int], gain: float) -> GeometryCause:
-    """A parameter as a cause: deviation, F test given the others, and its rivals.
-
-    Args:
-        model, without: with the parameter i and without it; others: parameters that neither has.
-    """
     limit = _sum_of_squares(model) * np.exp(levels.RIVAL_CRITERION / len(model.whitened))
     parameters, own = model.residuals.parameters, GeometricDeviation.of(model.residuals.parameters[i])
     gains = _gains_alone(without, others)

@@ -10,10 +10,10 @@ from posture_opt.calibration.estimation.effect_sensitivities import EffectSensit
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.numerics import Array
 
+# Relative σ of each mass that a file states: cables, covers and grease are in no table of the maker; a choice.
 _RELATIVE_SIGMA = 0.05
-"""Relative σ of each mass that a file states: cables, covers and grease are in no table of the maker; a choice."""
+# Relative step of a mass for the difference of columns, which are linear in it but for the lost motion of a load.
 _STEP = 0.1
-"""Relative step of a mass for the difference of columns, which are linear in it but for the lost motion of a load."""
 
 
 def with_mass_errors(fit: Fit) -> Fit:

@@ -16,21 +16,17 @@ from posture_opt.model.effects.base.gravity_load import GravityLoaded
 from posture_opt.model.effects.base.multiples import resolution
 from posture_opt.robot.robot import Robot
 
+# What it would take for a cause that comes once to have come several times.
 _MANY_IN_SESSION = "{count} of them in one session, where more than {most} is rare: rather something moves all the time"
-"""What it would take for a cause that comes once to have come several times."""
 
 
+# What it would take for a part that moves against gravity under unknown loads to be compliant.
 _AGAINST_LOAD = "gravity compensation, in the controller or by springs, that does too much: it rises against its load"
-"""What it would take for a part that moves against gravity under unknown loads to be compliant."""
 
 
 @dataclass(frozen=True)
 class FittedEffects:
-    """What a fit says of its effects, with the arm that they act on.
-
-    Args:
-        robot: the arm, with gravity as the data have it.
-    """
+    """What a fit says of its effects, with the arm that they act on."""
 
     model: Fit
     robot: Robot
@@ -50,10 +46,7 @@ class FittedEffects:
         return FittedSizes(finding.estimate, model.covariance[np.ix_(part, part)], turn, rms, *self._range(finding))
 
     def _range(self, finding: Finding) -> tuple[float, float]:
-        """Range of the joint that a finding moves in the data [rad], and the resolution of frequencies there.
-
-        0 where it moves none or several.
-        """
+        """Range of the joint that a finding moves in the data [rad], and the resolution of frequencies there."""
         data = self.model.residuals.data
         if finding.cause.moved_joint not in data.joint_names:
             return 0.0, 0.0
@@ -62,10 +55,7 @@ class FittedEffects:
 
 
 def with_plausibility(findings: Sequence[Finding], fitted: FittedEffects) -> list[Finding]:
-    """The findings, those that are effects with their range, what they would need beyond it, and the parts that repeat.
-
-    A cause beyond its range has competed with all others and stays: the data look like it.
-    """
+    """The findings, those that are effects with their range, what they would need beyond it, and the parts that repeat."""
     seen: Counter[str] = Counter()
     found = []
     for finding in findings:
@@ -88,11 +78,6 @@ def with_plausibility(findings: Sequence[Finding], fitted: FittedEffects) -> lis
 
 
 def _would_need(effect: Effect, finding: Finding, fitted: FittedEffects, rank: int) -> str:
-    """What would have to be true for a finding to be the cause that it looks like; empty where it can be.
-
-    Args:
-        rank: which of its kind it is, the largest contribution first.
-    """
     most = effect.most_in_session
     if most is not None and rank > most:
         return _MANY_IN_SESSION.format(count=rank, most=most)

@@ -17,19 +17,13 @@ from posture_opt.diagnosis.causes.determined_sizes import undetermined
 from posture_opt.model.effects import Effect
 from posture_opt.numerics import Codes, rms
 
+# Relative change of the RMS of all rows from which on a refit to first order is no refit: gains are stated to 1 %.
 _NONLINEARITY = 3e-3
-"""Relative change of the RMS of all rows from which on a refit to first order is no refit: gains are stated to 1 %."""
 
 
 @dataclass(frozen=True, eq=False)
 class PredictiveModel:
-    """An arm with effects, each of which rows held out from the fit need.
-
-    Args:
-        calibration: of the arm; ``fit`` of it with the effects, to all rows that count.
-        kept: the places of these effects among those that were offered.
-        folds: the rows that each round leaves out.
-    """
+    """An arm with effects, each of which rows held out from the fit need."""
 
     calibration: Calibration
     fit: Fit
@@ -40,11 +34,7 @@ class PredictiveModel:
     def of(
         cls, calibration: Calibration, effects: Sequence[Effect], folds: Folds, *, determined: bool = False
     ) -> PredictiveModel:
-        """Backward elimination by the RMS on held-out rows: what they are predicted no worse without goes, worst first.
-
-        Of two effects that replace each other the worse goes, and the other is judged anew. With ``determined``, what
-        has no determined size goes before.
-        """
+        """Backward elimination by the RMS on held-out rows: what they are predicted no worse without goes, worst first."""
         kept = tuple(range(len(effects)))
         while True:
             fit = _fitted(calibration, [effects[i] for i in kept])
@@ -56,10 +46,7 @@ class PredictiveModel:
 
     @cached_property
     def left_out(self) -> LeftOut:
-        """Errors on held-out rows, whole and without each effect, everything else fitted again.
-
-        To first order about the whole model; where that is too far for tangents, about a fit without the effect.
-        """
+        """Errors on held-out rows, whole and without each effect, everything else fitted again."""
         linear, columns = self._linear, self._columns
         found = leave_out(self.fit.residuals, linear, self.folds, columns)
         for i in range(len(columns)):
@@ -70,16 +57,13 @@ class PredictiveModel:
 
     @cached_property
     def _linear(self) -> LinearModel:
-        """The arm to first order about the fit."""
         return LinearModel.of(self.fit)
 
     @property
     def _columns(self) -> list[Codes]:
-        """The columns of each effect in it."""
         return [np.flatnonzero(self._linear.owner == i) for i in range(len(self.fit.effects))]
 
     def _unneeded(self) -> list[int]:
-        """The effects that held-out rows need none of, worst first: each judged without those before it."""
         gone: list[int] = []
         columns = self._columns
         if np.all(self.left_out.gains > 0):
@@ -98,12 +82,10 @@ class PredictiveModel:
 
 
 def _fitted(calibration: Calibration, effects: Sequence[Effect]) -> Fit:
-    """The arm with effects, fitted to all rows that count."""
     return calibration.fit_effects(calibration.residuals.take(calibration.kept_rows), effects)
 
 
 def _is_far(fit: Fit, linear: LinearModel, i: int) -> bool:
-    """Whether the arm refitted without an effect to first order leaves other residuals than the tangents say."""
     m = fit.residuals.measured
     x = fit.x + linear.refitted(i)
     x[fit.slices[i]] = 0.0

@@ -19,24 +19,7 @@ _RANK_TOLERANCE = 1e-10  # of unit columns: a shape that does what sine and cosi
 
 
 def choice_deviations(model: Fit, calibrated: Fit, nested: NestedSelection, size: int) -> Array:
-    """By how much the parameters of a model are others beside the effects that each fold chose by itself.
-
-    A standard error holds for the model that was chosen. Other rows choose other neighbours: another line of the joint,
-    a rival of the one next to it; and what these leave out goes into the rest. To the rows of every fold two models are
-    fitted: this one, and the geometry with what the fold chose and those effects of the model that it lacks. Where it
-    has an effect of the same kind and target, of other shapes, that one is expressed by the columns of the model's.
-
-    How many effects there are was chosen, too: where more of them predict rows left out better, but not clearly, those
-    that are left out may be there all the same. Sets of that size are as good a choice, and compared alike.
-
-    Args:
-        model: everything that is stated; calibrated: the fit of the geometry alone.
-        nested: the sets of each fold, ``size`` effects of each.
-
-    Returns:
-        (S, K, k) parameters beside what each of K folds chose of S sizes, one or two, minus those of this model [SI];
-            zero where it chose alike.
-    """
+    """By how much the parameters of a model are others beside the effects that each fold chose by itself."""
     sizes = np.setdiff1d(np.arange(model.directions.shape[1]), model.geometry)
     own = LinearModel.with_columns(model, model.residuals_and_jacobian[1] @ model.directions[:, sizes])
     steps = model.directions[:, np.concatenate([model.geometry, sizes])]
@@ -52,17 +35,11 @@ def choice_deviations(model: Fit, calibrated: Fit, nested: NestedSelection, size
 def with_choice_errors(fit: Fit, deviations: Array) -> Fit:
     """The same estimate, its neighbours unknown as its parameters are: ``C + (t / 1.96)² Σ δ_k δ_kᵀ / (K − 1)``.
 
-    Of sets of several sizes it is the mean of all sizes.
-
-    The first part is the error within the model, the second that between models. With t, the 97.5 % quantile of
-    Student's distribution of the K − 1 degrees of freedom of so few folds, two standard errors mean what they always
-    do. What one model gives to the geometry or to another effect, and another takes from it, stays correlated.
+    Sources: Buckland, Burnham, Augustin (1997), equation 4, the choices of the folds for the models; JCGM 100:2008,
+    annex G.3, for t.
 
     Args:
         deviations: δ (S, K, k) of the parameters, from `choice_deviations`.
-
-    Sources: Buckland, Burnham, Augustin (1997), equation 4, the choices of the folds for the models; JCGM 100:2008,
-    annex G.3, for t.
     """
     from scipy.special import stdtrit
 

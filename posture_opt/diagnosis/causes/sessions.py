@@ -31,11 +31,7 @@ class Gain:
 
     @classmethod
     def of(cls, errors: Array, without: Array, groups: Codes) -> Gain:
-        """Of errors (N, d) against those ``without`` (N, d) of the same rows, which are correlated within ``groups``.
-
-        ``1 − RMS / RMS_without``; positive where the errors became smaller. The bootstrap draws whole groups (Efron
-        1979).
-        """
+        """Of errors (N, d) against those ``without`` (N, d) of the same rows, which are correlated within ``groups``."""
         code = resampled_groups(groups)
         sums = np.stack([np.bincount(code, np.sum(e**2, axis=1)) for e in (errors, without)], axis=1)
         drawn = np.random.default_rng(0).integers(len(sums), size=(_BOOTSTRAP_DRAWS, len(sums)))
@@ -52,15 +48,7 @@ class Gain:
 
 @dataclass(frozen=True, eq=False)
 class SecondSession:
-    """Another file predicted by the arm that is delivered: whether a gain holds there.
-
-    Args:
-        file: the errors of the arm before calibration, ``calibrated``, and delivered, here ``extended``.
-        gain: of the effects over the calibrated arm.
-        gains: of each effect of the model over the arm fitted without it; None for one that is not delivered.
-        effects: of the model; ``worse`` the places of those that make rows outside the measured joint ranges worse.
-        unstated: what the file does not say of itself though an effect depends on it, in sentences.
-    """
+    """Another file predicted by the arm that is delivered: whether a gain holds there."""
 
     file: OtherFile
     gain: Gain
@@ -88,17 +76,7 @@ class SecondSession:
 def second_session(
     other: Measurements, calibration: Calibration, model: Fit, delivery: Delivery, *, refit_frames: bool = False
 ) -> SecondSession:
-    """Errors of three models on other measurements, nothing fitted to them, or base and tool alone.
-
-    Effects of time say nothing of another session: the arm with effects is the one that is delivered without them.
-
-    Args:
-        model: all effects of the first session; ``delivery`` those that outlast it.
-        refit_frames: fit base and tool to the other file first, as where the arm was moved.
-
-    Raises:
-        InputError: unknown targets, several robots, or too few poses to fit base and tool again.
-    """
+    """Errors of three models on other measurements, nothing fitted to them, or base and tool alone."""
     calibrated, extended = calibration.fit, delivery.fit
     fits = {"nominal": (calibrated.residuals, calibration.x_nominal)}
     fits |= {name: (fit.residuals, fit.x) for name, fit in (("calibrated", calibrated), ("extended", extended))}
@@ -122,7 +100,6 @@ def second_session(
 def _without_stated(
     mine: Measurements, other: Measurements, effects: Sequence[Effect], robot: Robot
 ) -> tuple[str, ...]:
-    """What effects ask for, the first file states and the other does not, with what is taken for it."""
     asked = {need for e in effects for need in (*e.asks, *e.needs)}
     notes = []
     if "temperature" in asked and other.temperature is None:

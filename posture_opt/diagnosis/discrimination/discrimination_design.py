@@ -42,7 +42,6 @@ class OrderedPair:
     Args:
         signature: (K,) coefficients of the true one.
         fitted: (r,) indices of the columns of the other one, with all that is fitted together with it.
-        spent: λ that the data predicted and did not show: it is taken off.
     """
 
     signature: Array
@@ -85,13 +84,7 @@ class DiscriminationDesign:
         return np.array([_pair_noncentrality(pair, information)[0] - pair.spent for pair in self.pairs])
 
     def chosen(self, least: int, most: int) -> list[int]:
-        """At most ``most`` candidates, each once, that raise the least λ; fewer where they are enough.
-
-        One by one, then exchanged as long as that helps (Fedorov 1972).
-
-        Args:
-            least, most: numbers of postures.
-        """
+        """At most ``most`` candidates, each once, that raise the least λ; fewer where they are enough."""
         found: list[int] = []
         while len(found) < min(most, len(self.A)):
             if len(found) >= least and self.noncentralities(self.after(found)).min() >= levels.DISCRIMINATED_LAMBDA:
@@ -107,7 +100,6 @@ class DiscriminationDesign:
         return self._most_informative_first(found)
 
     def _most_informative_first(self, chosen: list[int]) -> list[int]:
-        """Those first that help most, so that the first few are a plan too."""
         order: list[int] = []
         while len(order) < len(chosen):
             rest = [i for i in chosen if i not in order]
@@ -116,7 +108,6 @@ class DiscriminationDesign:
         return order
 
     def _best_candidate(self, information: Array, taken: Sequence[int]) -> int:
-        """The candidate that raises the least λ most, with a little weight on the mean over all pairs."""
         reached = np.stack([_noncentralities_with(pair, information, self.A) for pair in self.pairs])
         worth = reached.min(axis=0) + levels.MEAN_PAIR_WEIGHT * np.minimum(
             reached, 2 * levels.DISCRIMINATED_LAMBDA
@@ -126,11 +117,7 @@ class DiscriminationDesign:
 
 
 def _pair_noncentrality(pair: OrderedPair, M: Array) -> tuple[float, Array, Array]:
-    """λ, the coefficients (r,) that reach for the signature, and a root ``L`` (r, r), ``L Lᵀ = M_FF⁻¹``.
-
-    Of columns that are alike to rounding, as of parameters that are not identifiable, the information is held to its
-    rounding error, so that its inverse stays positive.
-    """
+    """λ, the coefficients (r,) that reach for the signature, and a root ``L`` (r, r), ``L Lᵀ = M_FF⁻¹``."""
     F, s = pair.fitted, pair.signature
     values, vectors = np.linalg.eigh(M[np.ix_(F, F)])
     L = vectors / np.sqrt(np.maximum(values, _RANK_TOLERANCE * values[-1]))

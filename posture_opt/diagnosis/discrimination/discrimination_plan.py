@@ -27,11 +27,7 @@ class DiscriminatedPair:
     """How well an effect is discriminated from one of its rivals.
 
     Args:
-        rival: what could replace it.
         angle: least principal angle between their columns, given the geometry and the other effects [rad].
-        now: noncentrality λ of the data, the lesser of the two directions of taking one for true.
-        then: λ with the planned measurements; what the data predicted and did not show is taken off.
-        count: measurements of the plan for a detection probability of 90 %; None where no postures discriminate them.
     """
 
     rival: Cause
@@ -41,10 +37,7 @@ class DiscriminatedPair:
     count: int | None
 
     def to_json(self) -> dict[str, Json]:
-        """Plain numbers; the angle in rad.
-
-        ``chance`` is the probability that the planned measurements show the difference, `detection_probability`.
-        """
+        """Plain numbers; the angle in rad."""
         return {
             "kind": self.rival.kind, "target": self.rival.target, "angle": self.angle, "lambda_now": self.now,
             "lambda": self.then, "chance": detection_probability(self.then), "count": self.count,
@@ -53,16 +46,7 @@ class DiscriminatedPair:
 
 @dataclass(frozen=True, eq=False)
 class DiscriminationPlan:
-    """Measurements that discriminate effects from their rivals.
-
-    Args:
-        pairs: by the place of the effect in the model, each of its rivals.
-        counts: by that place, measurements of the plan after which all but one of effect and rivals are refuted with
-            90 %; without those that no postures discriminate, and None where they discriminate none.
-        rows: what to measure, the most informative first; none where no postures help.
-        rounds: how often all rows are measured.
-        sided: the joints whose side of approach matters.
-    """
+    """Measurements that discriminate effects from their rivals."""
 
     pairs: Mapping[int, tuple[DiscriminatedPair, ...]]
     counts: Mapping[int, int | None]
@@ -71,11 +55,7 @@ class DiscriminationPlan:
     sided: tuple[int, ...]
 
     def postures(self, count: int | None = None) -> list[dict[str, Json]]:
-        """The first ``count`` postures, with side and payload where they matter [rad, m, kg].
-
-        Args:
-            count: how many of the rows; all by default.
-        """
+        """The first ``count`` postures, with side and payload where they matter [rad, m, kg]."""
         rows, found = self.rows, []
         for i in range(len(rows) if count is None else min(count, len(rows))):
             one: dict[str, Json] = {"posture": dict(zip(rows.joint_names, map(float, rows.q[i]), strict=True))}
@@ -102,16 +82,7 @@ class DiscriminationPlan:
 def plan_discrimination(
     problem: ProblemData, linearised: LinearisedData, model: Fit, rivals: Rivals, seed: int = 0
 ) -> DiscriminationPlan | None:
-    """Postures that discriminate the effects of a model from their rivals; None where there are none.
-
-    One list for all pairs, those among the rivals of one effect too, by the largest noncentrality of the pair that is
-    hardest to discriminate (`discrimination_design`). Geometry is fitted anew in all of it; its prior is 10 mm and
-    1 deg only, so that postures far from the data do not promise too much.
-
-    Args:
-        rivals: by the place of an effect in the model, the candidates that could replace it.
-        linearised: the data so far; model: the fitted arm with its effects; seed: of the candidate postures.
-    """
+    """Postures that discriminate the effects of a model from their rivals; None where there are none."""
     discrimination = ModelDiscrimination.of(linearised, model, rivals)
     if not discrimination.all or linearised.sensitivities.residuals.data.position is None:
         return None
@@ -142,7 +113,6 @@ def plan_discrimination(
 def _pairs_of_effects(
     discrimination: ModelDiscrimination, now: Array, steps: Steps, possible: Mask
 ) -> dict[int, tuple[DiscriminatedPair, ...]]:
-    """By the place of each effect, how well it is discriminated from each of its rivals."""
     found: dict[int, tuple[DiscriminatedPair, ...]] = {}
     for k, rival in enumerate(discrimination.all):
         b = discrimination.pairs.index((rival.place, rival.place, len(discrimination.model.effects) + k))
@@ -155,7 +125,6 @@ def _pairs_of_effects(
 
 
 def _choose_postures(design: DiscriminationDesign, now: Array, possible: Mask) -> list[int]:
-    """Candidates for the pairs of least λ now; if that leaves others below the target, for these with them."""
     sides = np.flatnonzero(np.repeat(possible, 2))
     asked = [int(k) for k in sides[np.argsort(now[sides])][: levels.PLANNED_PAIRS]]
     chosen: list[int] = []
@@ -182,10 +151,6 @@ def _growing_plan(design: DiscriminationDesign, chosen: list[int], possible: Mas
 
 
 def _needed_count(steps: Steps, asked: Mask, possible: Mask) -> int | None:
-    """Measurements that discriminate all pairs that are asked for and possible.
-
-    None where none is, or too many are needed.
-    """
     asked = asked & possible
     enough = [count for count, reached in steps if asked.any() and reached[asked].min() >= levels.DISCRIMINATED_LAMBDA]
     return min(enough, default=None)

@@ -33,8 +33,6 @@ class RivalExplanation:
     """A rival of one effect of the model.
 
     Args:
-        place: of the effect in the model.
-        rival: the candidate that could replace it.
         theta: (p,) size of the rival in the place of the effect [SI].
         angle: least principal angle between both, given geometry and the other effects [rad].
     """
@@ -53,14 +51,7 @@ class RivalExplanation:
 
 @dataclass(frozen=True, eq=False)
 class ModelDiscrimination:
-    """A fitted model with the rivals of its effects, and all their columns: geometry, effects and rivals.
-
-    The members are the effects of the model, then all rivals; the columns are those of all parameters of the arm, then
-    of each member.
-
-    Args:
-        all: the rivals, effect by effect.
-    """
+    """A fitted model with the rivals of its effects, and all their columns: geometry, effects and rivals."""
 
     linearised: LinearisedData
     model: Fit
@@ -100,11 +91,7 @@ class ModelDiscrimination:
         return tuple(j for j, name in enumerate(names) if known and name in asked)
 
     def columns(self, sensitivities: EffectSensitivities) -> tuple[Array, list[Codes]]:
-        """(m, K) whitened columns of all parameters at some rows, and the indices of those of each member.
-
-        Columns of a member are the derivatives at its fitted size, its shape among them: a rival may fit its shape
-        anew.
-        """
+        """(m, K) whitened columns of all parameters at some rows, and the indices of those of each member."""
         parts, places = [sensitivities.residuals.residuals_and_jacobian(sensitivities.x)[1][: sensitivities.rows]], []
         at = parts[0].shape[1]
         for effect, theta in self.members:
@@ -123,15 +110,7 @@ class ModelDiscrimination:
         return [(place, *two) for place, members in sides.items() for two in combinations(members, 2)]
 
     def design(self, problem: ProblemData, rows: Measurements) -> tuple[DiscriminationDesign, Array]:
-        """The design problem of all pairs, either of the two taken for true, and their λ (2 pairs,) in the data.
-
-        Args:
-            problem: for the prior of the geometry; rows: the candidate measurements.
-
-        Returns:
-            The design, and λ of each ordered pair in the data so far; what of it exceeds `levels.RIVAL_CRITERION` was
-            predicted and not seen: it is spent.
-        """
+        """The design problem of all pairs, either of the two taken for true, and their λ (2 pairs,) in the data."""
         sensitivities = self.linearised.sensitivities
         residuals, noise = sensitivities.residuals, np.sqrt(self.model.variance)
         D, places = self.columns(sensitivities)
@@ -149,7 +128,6 @@ class ModelDiscrimination:
         return DiscriminationDesign.of(pairs, M, A), now
 
     def _pair(self, place: int, true: int, false: int, k: int, places: list[Codes]) -> OrderedPair:
-        """One member taken for true, another fitted in its place with k parameters and the other effects."""
         others = [places[i] for i in range(len(self.model.effects)) if i != place]
         theta = self.members[true][1]
         signature = np.zeros(k + sum(map(len, places)))
@@ -163,7 +141,6 @@ def by_posture(effect: Effect | UnnamedComponent) -> bool:
 
 
 def _rival_explanation(linearised: LinearisedData, model: Fit, place: int, rival: Candidate) -> RivalExplanation:
-    """A rival with its likeliest size in the place of an effect, and the angle between both given all else."""
     members = [Candidate(e, linearised.sensitivities.columns(e)) for e in model.effects]
     others = [s for i, s in enumerate(members) if i != place]
     baseline = linearised.baseline(others, flips=0)

@@ -28,16 +28,8 @@ class NoiseCandidate:
     """A kind of noise with its likelihood ratio test.
 
     Args:
-        kind, target: as of an effect in a problem file.
-        ratio: twice the log likelihood ratio; ``p_value`` family-wise.
-        quantity: name and SI unit of ``size``: of a joint its σ, of range noise the growth of σ over the span of
-            ranges, of a stated σ the factor by which it is off.
-        size, std: the likeliest and its standard error; ``strength`` what it has in common with the same noise in
-            other rows.
-        named: the same as an effect of a problem file, if its size is not zero.
         spread: (N, d) shift of the rows per standard deviation of it, in units of their other scatter; ``None`` of a
             range.
-        of_arm: whether it is drawn anew at every repeat.
         scale: (d,) of a quantity whose σ is wrong, by which its coordinates are too large; None of other noise.
     """
 
@@ -70,8 +62,6 @@ def standardised_residuals(e: Array, leverage: Array) -> Array:
     """(N, d) standardised residuals ``(I − H_ii)^(−1/2) e_i`` of residuals (N, d) and leverages (N, d, d).
 
     Source: Cook, Weisberg (1982), section 2.2.
-
-    The inverse root gives back what the fit has taken of the noise of a row; the share left free is 2 % at the least.
     """
     d = e.shape[1]
     values, vectors = np.linalg.eigh(np.eye(d) * (1 + 1e-9) - leverage)
@@ -82,15 +72,8 @@ def standardised_residuals(e: Array, leverage: Array) -> Array:
 def score_uneven_noise(e: Array, rows: Rows, seed: int) -> list[NoiseCandidate]:
     """Heteroscedastic noise: every joint, and the range, as the cause of noise that is not the same everywhere.
 
-    The null distribution turns the residuals of every repeat at random and permutes the repeats, so that heavy tails
-    alone raise no alarm.
-
     Args:
         e: (N, d) standardised residuals.
-        rows: levers, ranges and repeats of the rows; seed: of the null distribution.
-
-    Returns:
-        One candidate for each pattern, the largest likelihood ratio first; p-values are of the largest of all patterns.
     """
     patterns = [pattern for kind in NOISES for pattern in kind.patterns(rows)]
     if not patterns:
@@ -103,13 +86,7 @@ def score_uneven_noise(e: Array, rows: Rows, seed: int) -> list[NoiseCandidate]:
 
 @dataclass(frozen=True, eq=False)
 class RepeatedNoise:
-    """What the differences between repeats say of one kind of noise.
-
-    Args:
-        candidate: the noise as the repeats alone have it, ``p_value`` of it alone.
-        loss: twice the log likelihood that they lose where its size is the one that was asked for; ``without`` where
-            there is no such noise.
-    """
+    """What the differences between repeats say of one kind of noise."""
 
     candidate: NoiseCandidate
     loss: float
@@ -122,11 +99,7 @@ class RepeatedNoise:
 
     @property
     def confirmed(self) -> bool:
-        """Whether they scatter, and by that size.
-
-        Structure accuses many joints, and one of them may scatter by chance. There is one instrument: that it is as all
-        rows have it, rather than the same at all distances, is a single question.
-        """
+        """Whether they scatter, and by that size."""
         if self.refuted:
             return False
         likelier = not self.candidate.of_arm and self.without - self.loss > levels.LIKELIER_NOISE
@@ -134,13 +107,7 @@ class RepeatedNoise:
 
 
 def score_repeats(e: Array, rows: Rows, asked: NoiseCandidate, seed: int) -> RepeatedNoise | None:
-    """The likelihood ratio test of one kind of noise on contrasts (C, d) of repeats; ``None`` where they are too few.
-
-    The null is that of `score_uneven_noise`; no other candidate competes, as this one was found elsewhere.
-
-    Args:
-        asked: the candidate of all rows whose kind, target and size are tested.
-    """
+    """The likelihood ratio test of one kind of noise on contrasts (C, d) of repeats."""
     if e.size < levels.MIN_REPEAT_FREEDOM:
         return None
     patterns = (p for kind in NOISES for p in kind.patterns(rows))
@@ -157,7 +124,6 @@ class _Fit:
 
     Args:
         ratio: twice the log likelihood ratio of the best size; ``drawn`` (F,) those of the null distribution.
-        value, s2: the likeliest, on the parabola through the top of the grid.
         curve, variances: (grid,) twice the log likelihood ratio, and s², of every value of the grid.
     """
 
@@ -170,10 +136,7 @@ class _Fit:
 
     @classmethod
     def of(cls, sets: Array, total: Array, pattern: Pattern) -> _Fit:
-        """Of residuals (1 + F, N, d), the first set the one that was measured, and their squared lengths (1 + F, N).
-
-        The ratio is the largest on the grid, in all sets alike.
-        """
+        """Of residuals (1 + F, N, d), the first set the one that was measured, and their squared lengths (1 + F, N)."""
         _, N, d = sets.shape
         along = pattern.along(sets)
         null = -N * d / 2 * np.log(total.sum(axis=1) / (N * d))
@@ -203,10 +166,7 @@ class _Fit:
 
 
 def _noise_fits(e: Array, rows: Rows, patterns: Sequence[Pattern], seed: int) -> list[_Fit]:
-    """Noise of each pattern in residuals (N, d) and in `levels.NOISE_DRAWS` sets as chance could have them.
-
-    Of many rows some sets are drawn at a time, for memory.
-    """
+    """Noise of each pattern in residuals (N, d) and in `levels.NOISE_DRAWS` sets as chance could have them."""
     rng, left, found = np.random.default_rng(seed), levels.NOISE_DRAWS, list[list[_Fit]]()
     while left > 0:
         count = min(left, max(_MAX_NULL_NUMBERS // e.size, 1))
@@ -219,13 +179,7 @@ def _noise_fits(e: Array, rows: Rows, patterns: Sequence[Pattern], seed: int) ->
 
 
 def _log_likelihoods(pattern: Pattern, values: Array, total: Array, along: Array | None, d: int) -> tuple[Array, Array]:
-    """Log likelihoods (G, F) and likeliest s² (G, F) of noise of several sizes in F data sets.
-
-    Args:
-        values: (G,) sizes, as on the pattern's grid.
-        total: (F, N) squared lengths of residuals; along: (F, N) their squared part along the pattern's direction, or
-            None.
-    """
+    """Log likelihoods (G, F) and likeliest s² (G, F) of noise of several sizes in F data sets."""
     N, determinants = total.shape[1], np.zeros(len(values))
     weights, along_weights = np.ones((len(values), N)), np.zeros((len(values), N))
     for i, value in enumerate(map(float, values)):
@@ -244,7 +198,6 @@ def _log_likelihoods(pattern: Pattern, values: Array, total: Array, along: Array
 
 
 def _parabola_peak(values: list[float]) -> float:
-    """Place of the maximum on the grid, between its points: of the parabola through the three highest."""
     k = int(np.argmax(values))
     if not 0 < k < len(values) - 1:
         return float(k)
@@ -260,10 +213,6 @@ def score_stated_sigma(variance: float, freedom: int, kurtosis: float, estimated
     ``(2 + κ)/ν``, as χ² of so many degrees of freedom over them.
 
     Source: Satterthwaite (1946), Biometrics Bulletin 2, 110-114.
-
-    Args:
-        estimated: ν_stated, degrees of freedom of the stated σ where it is itself an estimate; without, it is exact.
-        variance: residual variance in units of the stated one; freedom: ν.
     """
     from scipy.special import chdtr, chdtrc, fdtr, fdtrc
 
@@ -285,11 +234,7 @@ class Tails:
     """How the lengths of residuals are spread: as Gaussian ones, with long tails, or with a few gross errors.
 
     Args:
-        shape: the best of ``gaussian``, ``heavy``, ``gross errors`` by the least BIC.
-        freedom: of Student's t that fits best.
-        share: of gross errors in the mixture.
         rows: (N,) whether a row is rather a gross error, by the mixture.
-        evidence: BIC of the next best less that of the best.
     """
 
     shape: str
@@ -300,10 +245,7 @@ class Tails:
 
 
 def fit_tails(e: Array) -> Tails:
-    """Gaussian, Student's t, or Gaussian with a few gross errors: the law of residuals (N, d) of equal covariance.
-
-    By BIC over 1, 2 and 3 parameters; e are residuals (N, d) of equal covariance.
-    """
+    """Gaussian, Student's t, or Gaussian with a few gross errors: the law of residuals (N, d) of equal covariance."""
     N, d = e.shape
     squares = np.einsum("nd,nd->n", e, e)
     gaussian = -2 * _gaussian_likelihood(squares, d) + np.log(N)

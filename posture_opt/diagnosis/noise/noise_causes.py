@@ -51,20 +51,7 @@ def noise_causes(
     adequacy: float,
     seed: int,
 ) -> tuple[list[NoiseCause], list[UnevenErrors]]:
-    """Noisy joints or noise that grows with the range; gross outliers; a stated σ that is wrong.
-
-    The second list holds errors that look like a noisy joint, and that repeats do not show to be one.
-
-    A stated σ is wrong where readings, or repeats, scatter otherwise: in residuals, structure and a noisy joint swell
-    them too. Without enough of either, an arm that leaves much more than is stated is left unexplained. Gross errors
-    are sought among all rows, those too that the calibration left out.
-
-    Args:
-        adequacy: p-value of the tests for anything left unexplained, 0 where an unnamed component is.
-        problem: for what it states of instrument and joints.
-        model: the arm with its effects; ``baseline`` everything that was fitted, unnamed components too.
-        seed: of the null distributions.
-    """
+    """Noisy joints or noise that grows with the range; gross outliers; a stated σ that is wrong."""
     if rms(model.whitened) < _NO_SCATTER:
         return [], []
     samples = noise_samples(problem, model.residuals, baseline, _joint_columns(model), sided_joints(model))
@@ -89,10 +76,6 @@ def noise_causes(
 
 
 def _scattering_joint(repeated: NoiseSample, quantities: Sequence[_Quantity], seed: int) -> NoiseCause | None:
-    """The joint along which repeats scatter, where structure hides that in all rows; None where none is clear.
-
-    What scatters along a joint, and as stated across it, is that joint's, and no wrong σ of the instrument.
-    """
     found = score_uneven_noise(repeated.e, repeated.rows, seed)
     if not found or not found[0].of_arm or found[0].p_value > levels.FURTHER_NOISE_LEVEL:
         return None
@@ -105,11 +88,6 @@ def _scattering_joint(repeated: NoiseSample, quantities: Sequence[_Quantity], se
 def _excess_errors(
     problem: ProblemData, model: Fit, quantities: Sequence[_Quantity], read: NoiseSample | None
 ) -> list[UnevenErrors]:
-    """Errors larger than instrument and joints as stated allow, or than readings show where these scatter by more.
-
-    Where no posture was left and met again, nothing else says what an arm that is right would leave. A data sheet's
-    repeatability, which may be of another arm, is allowed too.
-    """
     left = model.whitened.reshape(-1, model.residuals.block)
     left = in_stated_units(problem, model.residuals, left, _joint_columns(model), assumed=True)[0]
     found = list[UnevenErrors]()
@@ -125,10 +103,6 @@ def _excess_errors(
 
 
 def _wrong_instruments(problem: ProblemData, model: Fit) -> list[UnevenErrors]:
-    """Instruments of a mixed file that scatter more than stated while another one is as stated; so with orientations.
-
-    What the model cannot explain shows in all of them; the σ of one is wrong where it alone scatters.
-    """
     data, kind = model.residuals.data, model.residuals.data.kind
     assert isinstance(kind, Mixed), "a file of several instruments"
     assert data.part is not None, "a file of several instruments"
@@ -155,24 +129,13 @@ def sided_joints(model: Fit) -> Codes:
 
 
 def known_sides(model: Fit, data: Measurements) -> Mask:
-    """Rows (N,) of the data to which every joint that errs by its side of approach came from a known one.
-
-    To the others, as to the first of a file, a joint with play errs by half of it, whatever else is right.
-    """
+    """Rows (N,) of the data to which every joint that errs by its side of approach came from a known one."""
     return np.asarray(np.all(data.approach[:, sided_joints(model)] != 0, axis=1))
 
 
 @dataclass(frozen=True)
 class _Quantity:
-    """What has a stated σ of its own: positions, or orientations.
-
-    Args:
-        name: as in `StatedSigma`; None where only one is measured.
-        part: its coordinates in a row.
-        used: its σ, by which residuals are whitened, over the stated one.
-        level: of its test.
-        estimated: degrees of freedom of the stated σ where it is itself an estimate.
-    """
+    """What has a stated σ of its own: positions, or orientations."""
 
     name: Literal["position", "orientation"] | None
     part: slice
@@ -185,10 +148,7 @@ class _Quantity:
         return e[:, self.part] * self.used
 
     def wrong_sigma(self, e: Array, freedom: int) -> NoiseCandidate | None:
-        """The factor by which residuals (N, d), of so many degrees of freedom, scatter otherwise than stated.
-
-        None: as stated, or copies of one reading, which say nothing of it.
-        """
+        """The factor by which residuals (N, d), of so many degrees of freedom, scatter otherwise than stated."""
         if rms(e) < _NO_SCATTER:
             return None
         squares = e**2
@@ -201,7 +161,6 @@ class _Quantity:
 
 
 def _quantities(problem: ProblemData, residuals: Residuals) -> tuple[_Quantity, ...]:
-    """What is measured and has a stated σ: position, and orientation; where it is both, they share the level."""
     estimated = None if problem.measurement is None else problem.measurement.degrees_of_freedom
     if not residuals.data.kind.further:
         return (_Quantity(None, slice(None), 1.0, levels.NOISE_LEVEL, estimated),)
@@ -214,15 +173,7 @@ def _quantities(problem: ProblemData, residuals: Residuals) -> tuple[_Quantity, 
 
 @dataclass(frozen=True, eq=False)
 class NoiseSamples:
-    """What is known of the noise, in units of what the file states of it.
-
-    Args:
-        everything: the residuals of all rows.
-        repeats: contrasts of repeats between which the arm left the posture.
-        readings: contrasts of rows of one posture that follow each other, as if it left it in between too; none where
-            the file says that it did not.
-        still: the same, as if it did not.
-    """
+    """What is known of the noise, in units of what the file states of it."""
 
     everything: NoiseSample
     repeats: NoiseSample
@@ -231,10 +182,7 @@ class NoiseSamples:
 
     @property
     def repeated(self) -> NoiseSample | None:
-        """What shows the instrument's noise: readings, else repeats; None where both are too few.
-
-        Of the two ways to take readings, the one that agrees with what the file states.
-        """
+        """What shows the instrument's noise: readings, else repeats; None where both are too few."""
         enough = [s for s in (self.still, self.readings) if s.e.size >= levels.MIN_REPEAT_FREEDOM]
         if not enough and self.repeats.e.size >= levels.MIN_REPEAT_FREEDOM:
             enough = [self.repeats]
@@ -246,11 +194,8 @@ def noise_samples(
 ) -> NoiseSamples:
     """The residuals of all rows, and the contrasts of repeats, in units of what the file states of their scatter.
 
-    Contrasts have lost no freedom to the fit, which errs alike at every repeat: no leverage is given back to them.
-
     Args:
         columns: (n, N, block) whitened residual per unit of each joint.
-        sided: indices of the joints whose side of approach matters, see `Contrasts.of`.
     """
     m, block, data = residuals.measured, residuals.block, residuals.data
     Q = baseline.Q[:m].reshape(-1, block, baseline.Q.shape[1])
@@ -272,10 +217,7 @@ def noise_samples(
 
 
 def noise_shape(model: Fit, causes: Sequence[NoiseCause]) -> Array | None:
-    """Covariance (N, axes, axes) of positions that named noise gives the rows, up to a factor.
-
-    None where it is the same.
-    """
+    """Covariance (N, axes, axes) of positions that named noise gives the rows, up to a factor."""
     residuals = model.residuals
     columns = _joint_columns(model)[:, :, : len(residuals.axes)]
     rows = Rows(residuals.robot, columns, _instrument_ranges(residuals), residuals.sigma)
@@ -311,14 +253,8 @@ def in_stated_units(
 ) -> tuple[Array, Array]:  # fmt: skip
     """Residuals (N, d) and joint columns (n, N, d) in units of what instrument and joints should scatter by.
 
-    Where the file states no scatter of the joints from repeat to repeat, and an instrument that is the same everywhere,
-    all stays as it is, in units of the instrument's σ.
-
     ``L⁻¹ e`` with ``L Lᵀ = D + J diag(σ²) Jᵀ`` of all rows of a repeat, D the instrument's variances: the null
     distribution then knows the scatter that is stated.
-
-    Args:
-        assumed: take the repeatability of the data sheet where the file states none; else it counts as unknown.
     """
     sources, own = problem.sources, relative_sigma(problem, residuals.data)
     scatter = dict(zip(sources.names, np.sqrt(np.diag(sources.scatter)).tolist(), strict=True))
@@ -334,7 +270,6 @@ def in_stated_units(
 
 
 def _outlier_causes(calibration: Calibration, model: Fit, other: bool) -> list[NoiseCause]:
-    """Gross errors among all rows of known sides, where a few explain the tails better than a long-tailed law."""
     if not calibration.outliers or other:
         return []
     residuals = calibration.residuals

@@ -15,12 +15,7 @@ from posture_opt.numerics import Codes, Json
 
 @dataclass(frozen=True, eq=False)
 class RepeatPlan:
-    """Postures to measure several times each, the arm leaving them in between.
-
-    Args:
-        errors: what the repeats would show to be scatter, or would not.
-        rows: one measured row of each posture; ``times`` each of them.
-    """
+    """Postures to measure several times each, the arm leaving them in between."""
 
     errors: UnevenErrors
     rows: Measurements
@@ -43,7 +38,6 @@ def plan_repeats(data: Measurements, groups: Codes, uneven: Sequence[UnevenError
 
     Args:
         data: the rows of ``uneven``; ``groups`` (N,) those that repeat one posture already.
-        uneven: errors that look like noise of a joint; those that repeats refute already need no more of them.
     """
     plans: list[RepeatPlan] = []
     if data.position is None:  # whoever leads an arm into sockets by hand does not come back to a posture

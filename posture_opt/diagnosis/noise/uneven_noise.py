@@ -29,10 +29,7 @@ class NoiseCause:
     """A kind of noise that is named, with its size.
 
     Args:
-        effect: as in a problem file.
         estimate: name -> (value, standard error, SI unit).
-        p_value: family-wise, of errors of all rows so uneven.
-        confounded_with: kinds of noise that explain the rows nearly as well.
     """
 
     effect: NoiseEffect
@@ -46,14 +43,8 @@ class UnevenErrors:
     """Errors that grow as one kind of noise would have it, and that repeats do not show to be scatter.
 
     Args:
-        effect: the noise that they look like.
-        p_value: family-wise, of errors of all rows so uneven.
-        refuted: whether repeats scatter by another size; else there are too few of them to decide.
         size: (N,) its standard deviation in each row, in units of the other scatter: where to repeat; empty where no
             posture shows it more than others.
-        still: whether rows of one posture that follow each other do not scatter so: they decide it if the arm left the
-            posture in between, which the file does not say.
-        scatters: whether repeats scatter along this joint too, by less.
     """
 
     effect: NoiseEffect
@@ -152,10 +143,7 @@ class _Examined:
 
     @property
     def refuted(self) -> bool:
-        """Whether repeats scatter by another size.
-
-        Noise of the instrument is in every reading. That of a joint is not where the arm did not leave its posture.
-        """
+        """Whether repeats scatter by another size."""
         decisive = (self.repeated,) if self.candidate.of_arm else (self.repeated, self.read)
         return any(one is not None and one.refuted for one in decisive)
 
@@ -178,16 +166,7 @@ def find_uneven_noise(
     level: float = levels.NOISE_LEVEL,
     readings: NoiseSample | None = None,
 ) -> tuple[list[NoiseCause], list[UnevenErrors]]:
-    """The joints, or the range, along which noise is larger than elsewhere; and errors that only look like that.
-
-    Noise is named where repeats scatter so, that of a joint by the size that they have. Where they refute the best
-    candidate, a rival may replace it. Each is whitened, as if it were stated, before the next test at a stricter level.
-
-    Args:
-        everything: all rows; ``repeats`` their contrasts.
-        readings: contrasts of rows of one posture that follow each other: scatter of a joint in them is the joint's,
-            its absence says nothing, as the arm may not have left the posture.
-    """
+    """The joints, or the range, along which noise is larger than elsewhere; and errors that only look like that."""
     readings = everything.none if readings is None else readings
     repeats, readings = _in_equal_units(repeats, seed), _in_equal_units(readings, seed)
     named: list[tuple[_Examined, list[NoiseCandidate]]] = []
@@ -226,10 +205,6 @@ def find_uneven_noise(
 def _scatter_of_repeats(
     candidate: NoiseCandidate, repeats: NoiseSample, seed: int
 ) -> tuple[_Examined, list[NoiseCandidate]] | None:
-    """The part of a joint's errors that is scatter, where repeats have it and by less; with its rivals there.
-
-    None where another joint scatters more between repeats, none does, or it is a small part.
-    """
     found = _most_scattering(candidate, repeats, seed)
     if not found or found[0].size < levels.MIN_SCATTER_SHARE * candidate.size:
         return None
@@ -240,18 +215,12 @@ def _scatter_of_repeats(
 
 
 def _most_scattering(candidate: NoiseCandidate, repeats: NoiseSample, seed: int) -> list[NoiseCandidate]:
-    """The joints as noise of repeats, that of the candidate first; none where it is not, or not clearly."""
     found = [s for s in score_uneven_noise(repeats.e, repeats.rows, seed) if s.of_arm] if candidate.of_arm else []
     first = found and found[0].who == candidate.who and found[0].p_value < levels.REPEATED_NOISE_LEVEL
     return found if first else []
 
 
 def _scored(sample: NoiseSample, seed: int) -> tuple[NoiseSample, list[NoiseCandidate]]:
-    """A sample in units in which its quantities scatter alike, and the candidates there.
-
-    An orientation whose σ is stated too small looks like noise of every joint that turns it. Where that explains more
-    than any joint does, it is taken away first; whether the stated σ is wrong is judged elsewhere.
-    """
     found = score_uneven_noise(sample.e, sample.rows, seed)
     if found and found[0].scale is not None and found[0].p_value < levels.NOISE_LEVEL:
         sample = sample.scaled(found[0].scale)
@@ -260,18 +229,15 @@ def _scored(sample: NoiseSample, seed: int) -> tuple[NoiseSample, list[NoiseCand
 
 
 def _in_equal_units(sample: NoiseSample, seed: int) -> NoiseSample:
-    """A sample of contrasts in units in which its quantities scatter alike."""
     few = not sample.rows.turned or sample.e.size < levels.MIN_REPEAT_FREEDOM
     return sample if few else _scored(sample, seed)[0]
 
 
 def _examined(candidate: NoiseCandidate, repeats: NoiseSample, readings: NoiseSample, seed: int) -> _Examined:
-    """A candidate with what both kinds of contrasts say of it."""
     return _Examined(candidate, *(_shown(candidate, sample, seed) for sample in (repeats, readings)))
 
 
 def _shown(candidate: NoiseCandidate, sample: NoiseSample, seed: int) -> RepeatedNoise | None:
-    """What contrasts say of a candidate. A joint that scatters at one posture alone does not: a repeat is wrong."""
     found = score_repeats(sample.e, sample.rows, candidate, seed)
     if found is None or not candidate.of_arm or not found.confirmed:
         return found
@@ -289,13 +255,11 @@ def spread_by(candidate: NoiseCandidate, sample: NoiseSample) -> Array | None:
 
 
 def _close_rivals(candidates: Sequence[NoiseCandidate]) -> list[NoiseCandidate]:
-    """Those that explain the rows nearly as well as the first."""
     least = max(candidates[0].ratio - levels.RIVAL_CRITERION, 0.0)
     return [s for s in candidates[1:] if s.ratio > least]
 
 
 def _noise_cause(one: _Examined, rivals: Sequence[NoiseCandidate], taken: Collection[tuple[str, str]]) -> NoiseCause:
-    """An examined candidate as a cause, with those rivals that are not named themselves."""
     others = tuple(rival.named() for rival in rivals if rival.who not in taken)
     return NoiseCause(one.sized.named(), one.sized.estimate, one.candidate.p_value, others)
 

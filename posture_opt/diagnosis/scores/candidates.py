@@ -37,9 +37,6 @@ class Candidate:
 
     Args:
         Z: (m, k) whitened residual per unit of each parameter [1/SI].
-        searched: how many different shapes its own was chosen from.
-        place: where its columns are in blocks, if they are.
-        most: sum of squares that it can explain at the most; infinite where its size is not limited.
     """
 
     what: Effect | UnnamedComponent
@@ -106,16 +103,7 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class ScoredCandidate:
-    """A candidate with its F test given a projected baseline.
-
-    ``p_value`` counts all candidates of all families; ``log_p`` is of this one alone, as if no other had been tried.
-
-    Args:
-        rho: share of its length that the baseline leaves.
-        log_p: natural logarithm of the p-value of its F test alone.
-        p_value: family-wise, by the null distribution of all candidates.
-        share: of the sum of squares that it explains.
-    """
+    """A candidate with its F test given a projected baseline."""
 
     candidate: Candidate
     rho: float
@@ -127,14 +115,7 @@ class ScoredCandidate:
 def list_candidates(
     sensitivities: EffectSensitivities, excitation: Excitation, G: Array, instrument: float = np.inf
 ) -> list[Candidate]:
-    """Every candidate but the cyclic errors, one for each shape of its grid.
-
-    A kind that depends on a shape (a period, a time constant, a moment) has one candidate for each shape of its grid;
-    ``searched`` is the effective number of them, which the criterion charges for.
-
-    Args:
-        instrument: σ of a measured coordinate as stated, in σ of the residuals; infinite where none is.
-    """
+    """Every candidate but the cyclic errors, one for each shape of its grid."""
     effects = [e for kind in EFFECTS for e in kind.candidates(excitation)]
     if "masses" not in excitation.inputs:
         effects += point_mass_effects(sensitivities, excitation, G)
@@ -160,7 +141,6 @@ def list_candidates(
 
 
 def _column_keeper(rows: int) -> Callable[[Candidate], Candidate]:
-    """Keeps the columns of candidates of many rows in blocks: twice in memory, they would be most of it."""
     if rows < levels.MANY_ROWS:
         return lambda candidate: candidate
     store = ColumnStore()
@@ -174,9 +154,6 @@ def _column_keeper(rows: int) -> Callable[[Candidate], Candidate]:
 
 def effective_number(shapes: Sequence[Array]) -> float:
     """The effective number of the shapes (each (m, k)) of one effect: ``(Σ √λ)² / Σ λ``.
-
-    λ are the eigenvalues of the correlation of their first columns (Galwey 2009): neighbouring moments of a slip or
-    time constants of a drift say nearly the same.
 
     Example:
         >>> import numpy as np
@@ -196,8 +173,6 @@ def effective_number(shapes: Sequence[Array]) -> float:
 def point_mass_effects(sensitivities: EffectSensitivities, excitation: Excitation, G: Array) -> list[Effect]:
     """Compliances of joints, links and base of arms whose masses are not stated: unknown point masses at frames beyond.
 
-    Frames that load alike, as those of a wrist do, count once; of links and base those too that act as geometry does.
-
     Args:
         G: (m, k) columns of the geometry.
     """
@@ -215,11 +190,7 @@ def point_mass_effects(sensitivities: EffectSensitivities, excitation: Excitatio
 
 
 def _loads_distinct(Z: Array, geometry: Array | None) -> bool:
-    """Whether columns Z (m, k) of loads are no mixtures of each other, and the last none of a basis and the others.
-
-    Args:
-        geometry: (m, r) orthonormal basis; None where only the loads are compared.
-    """
+    """Whether columns Z (m, k) of loads are no mixtures of each other, and the last none of a basis and the others."""
     Z = Z / np.maximum(np.linalg.norm(Z, axis=0), 1e-300)
     if np.linalg.svd(Z, compute_uv=False)[-1] <= levels.MIN_MASS_SINGULAR_VALUE:
         return False
@@ -237,18 +208,7 @@ def score_candidates(
     sensitivities: EffectSensitivities,
     lines: Sequence[Lines],
 ) -> tuple[list[ScoredCandidate], NullDistribution]:
-    """The best shape of every kind and target given a baseline, the least p-value first, and the null distribution.
-
-    Every candidate is a score test (Rao 1948): an F test of its columns on the residuals that the baseline leaves. The
-    null distribution is that of the least p-value in data sets whose residuals have the signs of whole poses flipped
-    (Winkler et al. 2014).
-
-    Args:
-        lines: of all joints; they are scored by one periodogram each, and the highest peaks become candidates.
-
-    Returns:
-        Scored candidates, and the null distribution for those that are scored later.
-    """
+    """The best shape of every kind and target given a baseline, the least p-value first, and the null distribution."""
     rho, sizes, gains = explained_squares(baseline, [s.Z for s in candidates])
     alive = [int(i) for i in np.flatnonzero(sizes)]
     sizes, gains = sizes[alive], _within_limits(baseline, [candidates[i] for i in alive], gains[alive])
@@ -294,11 +254,7 @@ def _within_limits(baseline: ProjectedBaseline, candidates: Sequence[Candidate],
 def absorbed_candidates(
     baseline: ProjectedBaseline, candidates: Sequence[Candidate], scored: Sequence[ScoredCandidate]
 ) -> tuple[tuple[Candidate, float], ...]:
-    """Named candidates that the baseline absorbs, one of each kind and target, with the share ρ that is left of it.
-
-    Returns:
-        Their share is below `levels.MIN_SURVIVING_SHARE`: whatever their size, geometry explains the data as well.
-    """
+    """Named candidates that the baseline absorbs, one of each kind and target, with the share ρ that is left of it."""
     known = {j.candidate.key for j in scored}
     found: dict[tuple[str, str], tuple[Candidate, float]] = {}
     for candidate in candidates:
@@ -308,13 +264,7 @@ def absorbed_candidates(
 
 
 def _least_log_p(gains: Array, sizes: Codes, baseline: ProjectedBaseline) -> Array:
-    """The least log p-value (B,) of each flipped data set over candidates; 0 without candidates.
-
-    Of candidates of one size, the one that explains most has it.
-
-    Args:
-        gains: (candidates, 1 + B) sums of squares that they explain; sizes: (candidates,) by how many directions.
-    """
+    """The least log p-value (B,) of each flipped data set over candidates; 0 without candidates."""
     rss = baseline.rss[1:]
     least = np.zeros(len(rss))
     for size in np.unique(sizes).tolist():
@@ -327,7 +277,6 @@ class Lines:
     """The lines of one joint that its values resolve: frequencies at which its error may repeat.
 
     Args:
-        form: any of them; the others have its joint and centre.
         cycles: (K,) evenly spaced [cycles per revolution].
     """
 
@@ -378,7 +327,6 @@ def _cyclic_candidates(
 
 
 def _highest_peaks(gains: Array) -> list[int]:
-    """Indices of the highest local maxima."""
     left = np.r_[True, gains[1:] >= gains[:-1]]
     right = np.r_[gains[:-1] >= gains[1:], True]
     peaks = np.flatnonzero(left & right)

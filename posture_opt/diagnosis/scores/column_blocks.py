@@ -20,7 +20,6 @@ class ColumnPlace:
 
     Args:
         block: (candidates, k, m) columns of several candidates, single precision.
-        index: which of them it is.
     """
 
     block: Array
@@ -34,10 +33,7 @@ class ColumnPlace:
 
 @dataclass(eq=False)
 class ColumnStore:
-    """Takes columns (m, k) one by one; those of one key and width are in the same blocks.
-
-    Seven digits are enough: what is chosen is fitted anew, from columns of its own.
-    """
+    """Takes columns (m, k) one by one; those of one key and width are in the same blocks."""
 
     _open: dict[object, tuple[Array, int]] = field(default_factory=dict)
 
@@ -78,11 +74,7 @@ class ColumnBlocks:
         return cls(tuple(found))
 
     def grams(self, rows: Codes | None = None) -> Array:
-        """(n, k, k) inner products of the columns of each candidate, of all residuals or of some.
-
-        Args:
-            rows: indices of residuals; all by default.
-        """
+        """(n, k, k) inner products of the columns of each candidate, of all residuals or of some."""
         found = []
         for block in self.blocks:
             for first in range(0, len(block), _CANDIDATES_COPIED):

@@ -25,12 +25,6 @@ _COLUMNS_AT_ONCE = 64  # transformed at a time, for memory
 class FourierSums:
     """``Σ_n a_n exp(i k q_n)`` at evenly spaced frequencies k, without the matrix of all sines.
 
-    The values are spread over a grid with a Kaiser-Bessel window, transformed, and divided by the window's transform.
-    Source: Dutt, Rokhlin (1993); Greengard, Lee (2004); Beatty, Nishimura, Pauly (2005) for the window.
-
-    The cost is ``O(N w + M log M)`` a column, w = 10 the width of the window and M the grid; the direct sums take O(N
-    K).
-
     Args:
         spread: (M, N) sparse; what each value gives to the grid.
         middle: (N,) the phase of each value at the middle frequency.

@@ -57,9 +57,6 @@ class HeldResiduals:
     def weighed(self, scatter: Array, cell: Codes, repeat: Codes, code: Codes) -> HeldResiduals:
         """The same least squares for the means of each cell, weighed as an arm whose joints scatter asks for.
 
-        They are of unit covariance then. A joint takes all rows of a repeat along, so that a mean of more of them is
-        more certain only where the instrument scatters.
-
         Args:
             scatter: (C, block, k) shift of a cell by each of k joints, per standard deviation of its scatter.
             cell: (N,) the cell of each row; repeat, code: (C,) the repeat that a cell is of, and the posture.
@@ -86,15 +83,7 @@ class HeldResiduals:
 
 @dataclass(frozen=True)
 class Adequacy:
-    """Two tests for anything left unexplained.
-
-    ``place`` is a joint, ``side of JOINT``, ``tool point``, ``time``, ``payload`` or ``temperature``.
-
-    Args:
-        lack_of_fit: p-value of the scatter about the model against that of repeats.
-        structure: family-wise p-value of residuals of neighbours that are alike.
-        place: the variable along which they are most alike.
-    """
+    """Two tests for anything left unexplained."""
 
     lack_of_fit: float
     structure: float
@@ -115,9 +104,6 @@ def assess_adequacy(
     Args:
         groups: (N,) the rows that repeat one posture with one target, as in `repeat_groups`.
         points: (N, 3) tool points [m], world.
-        block: residuals of one row.
-        baseline: everything that was fitted, with its sign-flipped data sets.
-        held: what is left where a prior holds parameters; without one, the baseline's own residuals.
     """
     structure, place = _structure_test(baseline, data, groups, points, block)
     return Adequacy(lack_of_fit(held or left_of(baseline, len(data) * block), data, groups, block), structure, place)
@@ -133,14 +119,10 @@ def lack_of_fit(
 ) -> float:  # fmt: skip
     """p-value of the F test of lack of fit: scatter about the model against that between repeats of one posture.
 
-    Readings of one repeat share the joints' scatter, so they count by their mean: against the instrument alone every
-    arm would fail. A mean of more readings is more certain where the instrument scatters most, and not where the joints
-    do; which it is is unknown, so the p-value is the larger of both.
-
-    Source: Draper, Smith (1998), section 2.1.
-
     ``F = (SS_left / ν_left) / (SS_pure / ν_pure)``, the rows of a prior among what is left. The p-value is 1 where
     repeats are too few (`levels`).
+
+    Source: Draper, Smith (1998), section 2.1.
 
     Args:
         scatter: (N, block, k) shift of the rows per standard deviation of each joint that is known to scatter: where it
@@ -186,10 +168,7 @@ def _group_means(e: Array, code: Codes, weights: Array) -> Array:
 def _structure_test(
     baseline: ProjectedBaseline, data: Measurements, groups: Codes, points: Array, block: int
 ) -> tuple[float, str]:  # fmt: skip
-    """Whether residuals of neighbours are alike: the largest ``eᵀ K e`` of many kernels K against flipped signs.
-
-    Moran's (1950) statistic with Gaussian weights; the null of the largest comes from the same flipped data sets.
-    """
+    """Whether residuals of neighbours are alike: the largest ``eᵀ K e`` of many kernels K against flipped signs."""
     from scipy.sparse import csr_array
 
     N = len(data)
@@ -242,10 +221,7 @@ class SmoothKernel:
         return np.asarray(series * (self.at(rows[:, None], rows) @ series))
 
     def _factor(self) -> Array | None:
-        """(R, r) of ``K = C Cᵀ`` by a pivoted Cholesky factorisation; None where r is no small part of R.
-
-        Along one axis a smooth kernel has some tens of directions; in space it has hundreds.
-        """
+        """(R, r) of ``K = C Cᵀ`` by a pivoted Cholesky factorisation; None where r is no small part of R."""
         most = len(self.x) // _SMALL_RANK_SHARE if self.x.shape[1] == 1 else 0
         C, left = np.zeros((len(self.x), most)), self.sign**2
         rows = np.arange(len(self.x))
@@ -259,7 +235,6 @@ class SmoothKernel:
 
 
 def _smooth_kernels(data: Measurements, points: Array, rows: Codes) -> Iterator[tuple[str, SmoothKernel]]:
-    """Kernels of the rows by name: joint values, sides of arrival, tool points and inputs."""
     q, even = data.q[rows], np.ones(len(rows))
     for j, name in enumerate(data.joint_names):
         span = float(np.ptp(q[:, j]))

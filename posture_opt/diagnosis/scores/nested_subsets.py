@@ -25,14 +25,9 @@ class Subset:
 def nested_subsets(columns: Sequence[Array], known: Array, r: Array, learn: Mask | None = None) -> list[Subset]:
     """Subsets of every size of members, each without the one whose loss costs least: backward elimination.
 
-    The inverse of the normal matrix is downdated at every removal, so that all subsets cost about one inversion.
-
     Args:
         columns: each (m, k) of one member; known: (m, g) what is always fitted to r (m,).
         learn: (m,) the rows that teach; all if None.
-
-    Returns:
-        From the empty set to that of all members.
     """
     sizes = [Z.shape[1] for Z in columns]
     A, scale = unit_columns(np.concatenate([known, *columns], axis=1), learn)

@@ -32,9 +32,8 @@ class ProjectedBaseline:
     Args:
         Q: (m, k) orthonormal basis of what is fitted.
         e: (m,) whitened residuals [1], orthogonal to Q.
-        flipped: (m, 1 + B) these residuals, and B copies with the signs of whole groups flipped, leverage-corrected
-            and orthogonal to Q again (Winkler et al. 2014).
-        count: the number of residuals; more than m where they are coordinates in a few directions.
+        flipped: (m, 1 + B) these residuals, and B copies with the signs of whole groups flipped, leverage-corrected and
+            orthogonal to Q again (Winkler et al. 2014).
     """
 
     Q: Array
@@ -46,12 +45,7 @@ class ProjectedBaseline:
     def of(
         cls, r: Array, columns: Array, groups: Codes, flips: int, seed: int, count: int = 0,
     ) -> ProjectedBaseline:  # fmt: skip
-        """From residuals (m,), the columns (m, k) of what is fitted, and the group (m,) of every residual.
-
-        Args:
-            flips: B, how many data sets; seed: of their signs.
-            count: residuals that these represent; as many as given if 0.
-        """
+        """From residuals (m,), the columns (m, k) of what is fitted, and the group (m,) of every residual."""
         Q = orthonormal_basis(columns)
         e = r - Q @ (Q.T @ r)
         rng = np.random.default_rng(seed)
@@ -86,10 +80,7 @@ class ProjectedBaseline:
 
 
 def orthonormal_basis(columns: Array, learn: Mask | None = None) -> Array:
-    """Orthonormal basis (m, rank) of columns (m, k) of any scales, of what they are in the rows ``learn`` (m,).
-
-    See `unit_columns`: the rank depends neither on units nor on rounding.
-    """
+    """Orthonormal basis (m, rank) of columns (m, k) of any scales, of what they are in the rows ``learn`` (m,)."""
     scaled = unit_columns(columns, learn)[0]
     kept = scaled[:, np.any(scaled, axis=0)]
     if (factored := factored_columns(kept)) is not None:
@@ -99,11 +90,7 @@ def orthonormal_basis(columns: Array, learn: Mask | None = None) -> Array:
 
 
 def unit_columns(columns: Array, learn: Mask | None = None) -> tuple[Array, Array]:
-    """Columns (m, k) over their lengths in all rows, zero but in the rows ``learn`` (m,), and 1 / length (k,).
-
-    Scaled to length one in the rows that teach alone, a direction that these do not know, as to a point that none of
-    them touches, would be the rounding of other parameters, which can explain whatever it is made of.
-    """
+    """Columns (m, k) over their lengths in all rows, zero but in the rows ``learn`` (m,), and 1 / length (k,)."""
     norms = np.linalg.norm(columns, axis=0)
     scale = np.where(norms > 0, 1 / np.where(norms > 0, norms, 1.0), 0.0)
     scaled = columns * scale
@@ -115,9 +102,6 @@ def projected_basis(baseline: ProjectedBaseline, Z: Array) -> tuple[Array, float
 
     Args:
         Z: (m, k) columns.
-
-    Returns:
-        No columns where less than `levels.MIN_SURVIVING_SHARE` of its length is left.
     """
     rest = baseline.project(Z)
     norms = np.linalg.norm(Z, axis=0)
@@ -142,7 +126,6 @@ class ProjectedColumns:
     scores: Array
 
     def __len__(self) -> int:
-        """The number of candidates."""
         return len(self.edges) - 1
 
     @property
@@ -257,20 +240,13 @@ def stacked_sizes(gram: Array, scores: Array, variance: Array) -> tuple[Array, A
 
 
 def beyond_limits(sizes: Array, errors: Array, low: float | Array, high: float | Array) -> Mask:
-    """Which sizes are physically impossible; of several together, by more than two standard errors of each.
-
-    One mass of several may come out a little below zero where it is hardly there.
-    """
+    """Which sizes are physically impossible; of several together, by more than two standard errors of each."""
     margin = _LIMIT_ERRORS * errors
     return np.asarray((sizes < low - margin) | (sizes > high + margin))
 
 
 def explained_squares(baseline: ProjectedBaseline, candidates: Sequence[Array]) -> tuple[Array, Array, Array]:
-    """Of candidates (each (m, k)) given a baseline: shares ρ, ranks, and the sums of squares that they explain.
-
-    As `projected_basis` has it, and from the inner products alone. Shapes (candidates,), (candidates,) and
-    (candidates, 1 + B), a sum of squares of each column of flipped residuals.
-    """
+    """Of candidates (each (m, k)) given a baseline: shares ρ, ranks, and the sums of squares that they explain."""
     sizes = [Z.shape[1] for Z in candidates]
     rho, kept = np.zeros(len(sizes)), np.zeros(len(sizes), dtype=int)
     gains = np.zeros((len(sizes), baseline.flipped.shape[1]))
@@ -295,11 +271,7 @@ def _gram_matrices(columns: Array, at: Codes) -> Array:
 
 
 def _explained_by_width(gram: Array, taken: Array, scores: Array) -> tuple[Array, Codes, Array]:
-    """ρ (n,), ranks (n,) and sums of squares (n, 1 + B) of n candidates of k columns.
-
-    Args:
-        gram: (n, k, k); taken: what the baseline takes of it; scores: (n, k, 1 + B).
-    """
+    """ρ (n,), ranks (n,) and sums of squares (n, 1 + B) of n candidates of k columns."""
     norms = np.sqrt(np.einsum("nkk->nk", gram))
     norms = np.where(norms > 0, norms, 1.0)
     rest = (gram - taken) / (norms[:, :, None] * norms[:, None, :])
@@ -314,7 +286,6 @@ def _explained_by_width(gram: Array, taken: Array, scores: Array) -> tuple[Array
 
 
 def _candidate_chunks(sizes: Sequence[int], rows: int) -> Iterator[list[int]]:
-    """Indices of candidates whose columns together hold `_MAX_CHUNK_NUMBERS` at the most."""
     chunk: list[int] = []
     total = 0
     for i, size in enumerate(sizes):
@@ -334,12 +305,7 @@ class NullDistribution:
     least: Mapping[str, Array]
 
     def family_wise(self, log_p_value: float, family: str) -> float:
-        """Family-wise p-value: the probability that noise alone gives any candidate of any family so much evidence.
-
-        Within the family from the flipped sets where they reach that far (Westfall, Young 1993), beyond them along
-        their exponential tail, which for F tests falls by e for each e of p and more slowly where the noise has long
-        tails; between families the level is shared out (weighted Bonferroni).
-        """
+        """Family-wise p-value: the probability that noise alone gives any candidate of any family so much evidence."""
         p = p_value_of_maximum(-self.least[family], -log_p_value, 1.0)
         return float(min(1.0, p / levels.FAMILY_SHARES[family]))
 
@@ -348,9 +314,6 @@ def scan_frequencies(
     baseline: ProjectedBaseline, joint_columns: Array, q: Array, cycles: Array
 ) -> tuple[Array, Array]:  # fmt: skip
     """Periodogram of one joint: the sum of squares (K,) of each of K frequencies, and the largest (B,) of flipped sets.
-
-    The sum of squares that a sine and a cosine of each frequency explain together: the generalised Lomb-Scargle
-    periodogram (Lomb 1976; Scargle 1982) of a joint's error, the baseline projected off.
 
     Args:
         joint_columns: (N, block) whitened residual per unit of the joint [1/rad].
@@ -381,8 +344,6 @@ def _two_columns(gram: tuple[Array, ...], bs: Array, bc: Array) -> Array:
 
 def p_value_of_maximum(most: Array, value: float, slowest: float = 1e-12) -> float:
     """p-value of ``value`` among the maxima ``most`` (B,) of draws: counted, and beyond them along an exponential tail.
-
-    The tail has the mean excess of the largest tenth (Pickands 1975, with shape zero), at least ``slowest``.
 
     Example:
         >>> import numpy as np

@@ -36,11 +36,7 @@ class Additions:
 class Pool:
     """Candidates by the inner products of their bases projected off the baseline, and the penalty of each.
 
-    Two shapes of one effect have equal codes: a set holds at most one of them.
-
     Args:
-        columns: those inner products, with each other and with the residuals that the baseline leaves, of which
-            ``rss0`` is the sum of squares with nothing chosen and ``freedom`` the (effective) degrees of freedom.
         penalty: (candidates,) added to the criterion for each chosen one: for its parameters, for a grid that was
             searched, for having no name.
         exclusive: (candidates,) candidates of equal code exclude each other.
@@ -61,7 +57,6 @@ class Pool:
         return float(np.linalg.norm(between, 2))
 
     def _index(self, chosen: Chosen) -> Codes:
-        """Indices of the directions of a set."""
         edges = self.columns.edges
         return np.concatenate([np.arange(edges[i], edges[i + 1]) for i in chosen]) if chosen else np.zeros(0, int)
 
@@ -81,7 +76,6 @@ class Pool:
         return self._criterion(self.rss(chosen), chosen)
 
     def _criterion(self, rss: float, chosen: Chosen) -> float:
-        """The criterion of a set whose sum of squares is known."""
         m = self.freedom
         cost = sum(float(self.penalty[i]) for i in chosen)
         return float(m * np.log(max(rss, 1e-300) / m) + cost)
@@ -119,11 +113,7 @@ class Pool:
         return sorted(zip(values.tolist(), sets, strict=True))
 
     def _gains(self, candidates: Codes, index: Codes, cross: Array, left: Array) -> Array:
-        """What candidates explain given the directions ``index`` (r,) of a set, those of one width together.
-
-        Args:
-            cross: (r, R) ``G_ss⁺ G_s``; left: (R,) scores that the set leaves.
-        """
+        """What candidates explain given the directions ``index`` (r,) of a set, those of one width together."""
         G, edges, sizes = self.columns.gram, self.columns.edges, self.columns.sizes[candidates]
         gains = np.zeros(len(candidates))
         for size in np.unique(sizes[sizes > 0]):
@@ -137,14 +127,7 @@ class Pool:
 
 
 def exchange_members(pool: Pool, chosen: Chosen) -> Chosen:
-    """Drops and swaps as long as the criterion falls.
-
-    Args:
-        chosen: indices of the set to begin with.
-
-    Returns:
-        A local minimum: no drop and no swap lowers the criterion.
-    """
+    """Drops and swaps as long as the criterion falls."""
     value = pool.criterion(chosen)
     while True:
         trials = []
@@ -159,14 +142,7 @@ def exchange_members(pool: Pool, chosen: Chosen) -> Chosen:
 
 
 def close_alternatives(pools: Sequence[Pool], chosen: Chosen, member: int, within: float) -> list[tuple[float, int]]:
-    """Candidates that could replace a member at a criterion at most ``within`` worse, those of each pool best first.
-
-    Args:
-        pools: of the same candidates, with other penalties.
-
-    Returns:
-        (rise of the criterion, index) of each.
-    """
+    """Candidates that could replace a member at a criterion at most ``within`` worse, those of each pool best first."""
     rest = tuple(j for j in chosen if j != member)
     beside = pools[0].explained(rest) if pools else None
     found = []

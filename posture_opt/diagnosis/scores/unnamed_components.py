@@ -13,8 +13,8 @@ from posture_opt.diagnosis.scores import levels
 from posture_opt.model.effects import Cause, Excitation
 from posture_opt.numerics import Array
 
+# Directions (13, 3) of waves over the workspace, one of each pair of opposites.
 _WAVE_DIRECTIONS = np.array([d for d in product((-1, 0, 1), repeat=3) if d > (0, 0, 0)], dtype=float)
-"""Directions (13, 3) of waves over the workspace, one of each pair of opposites."""
 _PHRASES = {
     "curve": "a smooth curve over {target}",
     "dent": "a local deviation in the range of {target}",
@@ -31,14 +31,7 @@ _OF_SIDE = frozenset({"side and posture", "side and load", "foreign side"})
 
 @dataclass(frozen=True)
 class UnnamedComponent(Cause):
-    """A flexible term of no physical cause.
-
-    It says that something is there, and where; not what it is. A component wins only where no effect explains as much.
-
-    Args:
-        kind, target: what the error depends on, and where.
-        shape: index of its grid; between two of them once it is refined.
-    """
+    """A flexible term of no physical cause."""
 
     kind: str
     target: str
@@ -63,15 +56,7 @@ class UnnamedComponent(Cause):
 def unnamed_components(
     sensitivities: EffectSensitivities, excitation: Excitation
 ) -> Iterator[tuple[UnnamedComponent, Array]]:
-    """Every unnamed component with its columns (m, k), in nine families.
-
-    A joint's error as a smooth curve, a dent or a square wave; products of first harmonics of two joints; the side of
-    arrival by posture, by load, or of another joint; waves over the workspace; a course over time. Grids: `levels`.
-
-    Args:
-        sensitivities: what one unit of a joint or of the point does to every residual.
-        excitation: which inputs the data vary.
-    """
+    """Every unnamed component with its columns (m, k), in nine families."""
     yield from _joint_curves(sensitivities, excitation)
     yield from _joint_dents(sensitivities, excitation)
     yield from _square_waves(sensitivities, excitation)
@@ -89,7 +74,6 @@ def _moving_joints(excitation: Excitation) -> list[int]:
 def _joint_curves(
     sensitivities: EffectSensitivities, excitation: Excitation
 ) -> Iterator[tuple[UnnamedComponent, Array]]:
-    """Radial bases over the values of one joint: any smooth error of it, `levels.CURVE_BUMPS` parameters."""
     names = excitation.robot.joint_names
     for joint in _moving_joints(excitation):
         q = sensitivities.residuals.data.q[:, joint]
@@ -102,7 +86,6 @@ def _joint_curves(
 def _joint_dents(
     sensitivities: EffectSensitivities, excitation: Excitation
 ) -> Iterator[tuple[UnnamedComponent, Array]]:
-    """One Gaussian bump somewhere in the range of a joint: a damaged tooth, a dent in a rail; one parameter a place."""
     names = excitation.robot.joint_names
     for joint in _moving_joints(excitation):
         q = sensitivities.residuals.data.q[:, joint]
@@ -119,11 +102,7 @@ def _joint_dents(
 def finer_phases(
     sensitivities: EffectSensitivities, component: UnnamedComponent
 ) -> Iterator[tuple[UnnamedComponent, Array]]:
-    """Square waves with phases between those of the grid, about one of it: a misplaced edge costs much evidence.
-
-    Returns:
-        Component and columns (m, 1) of each phase up to half way to the neighbours; nothing for other components.
-    """
+    """Square waves with phases between those of the grid, about one of it: a misplaced edge costs much evidence."""
     if component.kind != "square wave":
         return
     joint = sensitivities.residuals.data.joint_names.index(component.target)
@@ -138,10 +117,7 @@ def finer_phases(
 
 
 def _square_wave(q: Array, waves: int, phase: float) -> Array:
-    """A square wave (N,) of ``waves`` periods per revolution over joint values q [rad].
-
-    Phases count in steps of the grid.
-    """
+    """A square wave (N,) of ``waves`` periods per revolution over joint values q [rad]."""
     return np.asarray(np.sign(np.sin(waves * q + np.pi * phase / levels.SQUARE_WAVE_PHASES)))
 
 
@@ -155,10 +131,6 @@ def radial_bases(q: Array, count: int) -> Array:
 def _square_waves(
     sensitivities: EffectSensitivities, excitation: Excitation
 ) -> Iterator[tuple[UnnamedComponent, Array]]:
-    """Square waves of a revolute joint, as of an encoder's tracks.
-
-    Those that hardly change sign in the data are left out.
-    """
     names = excitation.robot.joint_names
     for joint in _moving_joints(excitation):
         if excitation.robot.joints[joint].type != "revolute":
@@ -175,7 +147,6 @@ def _square_waves(
 def _joint_products(
     sensitivities: EffectSensitivities, excitation: Excitation
 ) -> Iterator[tuple[UnnamedComponent, Array]]:
-    """The error of one joint as a product of first harmonics of it and another: four parameters an ordered pair."""
     names, q = excitation.robot.joint_names, sensitivities.residuals.data.q
     pairs = list(combinations(_moving_joints(excitation), 2))
     for a, b in [*pairs, *((b, a) for a, b in pairs)]:
@@ -187,7 +158,6 @@ def _joint_products(
 def _side_interactions(
     sensitivities: EffectSensitivities, excitation: Excitation
 ) -> Iterator[tuple[UnnamedComponent, Array]]:
-    """The side of approach in interactions that no named effect has: posture, load, another joint."""
     names, data, state = excitation.robot.joint_names, sensitivities.residuals.data, sensitivities.state
     for joint in _moving_joints(excitation):
         side, q = data.approach[:, joint], data.q[:, joint]
@@ -212,10 +182,6 @@ def _side_interactions(
 def _workspace_waves(
     sensitivities: EffectSensitivities, excitation: Excitation
 ) -> Iterator[tuple[UnnamedComponent, Array]]:
-    """Plane waves over the workspace in 13 directions and three wavelengths.
-
-    And radial bases over time, if rows have one.
-    """
     n = len(sensitivities.residuals.data)
     p = np.stack([np.broadcast_to(np.asarray(v, dtype=float), (n,)) for v in sensitivities.walk.position], axis=1)
     size = float(np.linalg.norm(np.ptp(p, axis=0)))

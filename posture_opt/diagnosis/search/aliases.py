@@ -23,16 +23,7 @@ _MAX_ALIASES = 4  # aliases of one line, the slowest: a lattice has a dozen of t
 
 
 def find_aliases(linearised: LinearisedData, chosen: Sequence[Candidate], i: int) -> tuple[Candidate, ...]:
-    """The cyclic errors whose first line is elsewhere and explains as much, within `levels.RIVAL_CRITERION`.
-
-    The gain of each frequency is compared with that of the line itself, given all other members: ``ν log(RSS / RSS')``
-    within the criterion. The slowest few are listed.
-
-    All frequencies are searched, those too that are not offered because the values of the joint do not resolve them.
-
-    Args:
-        i: which of ``chosen``; anything but a cyclic error has no aliases.
-    """
+    """The cyclic errors whose first line is elsewhere and explains as much, within `levels.RIVAL_CRITERION`."""
     error = chosen[i].what
     if not isinstance(error, CyclicError):
         return ()

@@ -24,11 +24,7 @@ _RUNNERS_UP_PER_KIND = 4  # of atoms of a kind at each step: neighbours on a gri
 
 @dataclass(frozen=True, eq=False)
 class Taken:
-    """What one pursuit took: a candidate, its new directions q (m, p), and what they explain (p,) of the residuals.
-
-    Args:
-        place: of the pursuit among those side by side.
-    """
+    """What one pursuit took: a candidate, its new directions q (m, p), and what they explain (p,) of the residuals."""
 
     place: int
     candidate: Candidate
@@ -37,13 +33,7 @@ class Taken:
 
 
 class AtomStates:
-    """Gram matrices and scores of n candidates of k columns, projected off what each of F pursuits chose.
-
-    Columns have length one in the rows that a pursuit learns from.
-
-    Args:
-        atoms: the candidates; held_out: rows that each pursuit leaves out, None for none.
-    """
+    """Gram matrices and scores of n candidates of k columns, projected off what each of F pursuits chose."""
 
     def __init__(self, atoms: Atoms, held_out: Sequence[Codes | None]) -> None:
         self.atoms = atoms

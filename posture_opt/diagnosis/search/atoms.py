@@ -16,10 +16,7 @@ from posture_opt.numerics import Array, Codes, Mask
 
 
 class Atoms(ABC):
-    """n candidates of k columns each.
-
-    A dictionary may hold thousands of candidates of the same width k; nothing asks for all their columns at once.
-    """
+    """n candidates of k columns each."""
 
     width: int
     """k."""
@@ -100,6 +97,5 @@ class JoinedAtoms(Atoms):
         return np.concatenate([part.excluded(chosen) + first for part, first in places])
 
     def _place(self, index: int) -> tuple[Atoms, int]:
-        """The part that has an index, and its index there."""
         part = int(np.searchsorted(self._edges, index, side="right")) - 1
         return self.parts[part], index - self._edges[part]

@@ -71,7 +71,6 @@ class WrittenAtoms(Atoms):
         return best
 
     def _gains(self, some: Sequence[Candidate], Q: Array, e: Array, learn: Mask) -> Array:
-        """What each of some candidates of this width explains of e."""
         Z = np.concatenate([c.Z for c in some], axis=1) * learn[:, None]
         own = Z.reshape(len(Z), -1, self.width)
         gram = np.einsum("mik,mil->ikl", own, own, optimize=True)
@@ -84,10 +83,7 @@ class WrittenAtoms(Atoms):
 
 @dataclass(frozen=True, eq=False)
 class Dictionary:
-    """The candidates of a search over linearised data, lines of joints included.
-
-    Two candidates of one exclusive key are shapes of one effect, of which a set holds one.
-    """
+    """The candidates of a search over linearised data, lines of joints included."""
 
     linearised: LinearisedData
     candidates: tuple[Candidate, ...]

@@ -17,12 +17,7 @@ from posture_opt.diagnosis.search.shape_refinement import refine_shape
 
 @dataclass(frozen=True, eq=False)
 class InitialScores:
-    """The data with every candidate scored on the geometry alone, the least p-value first.
-
-    Args:
-        candidates: all but lines; ``scored`` the best shape of each kind and target.
-        baseline: the geometry; ``null`` the distribution of the least p-value beyond it.
-    """
+    """The data with every candidate scored on the geometry alone, the least p-value first."""
 
     linearised: LinearisedData
     candidates: Sequence[Candidate]
@@ -43,10 +38,7 @@ class InitialScores:
         return self.scored[0].p_value if self.scored else 1.0
 
     def decided(self) -> InitialScores:
-        """A close decision with more draws of the null, so that it does not depend on the draw.
-
-        Close is within a factor of `levels.CLOSE_DECISION_FACTOR` of the level, on either side.
-        """
+        """A close decision with more draws of the null, so that it does not depend on the draw."""
         close = self.best_p_value > levels.FIRST_EFFECT_LEVEL / levels.CLOSE_DECISION_FACTOR
         close &= self.best_p_value < levels.FIRST_EFFECT_LEVEL * levels.CLOSE_DECISION_FACTOR
         if not self.scored or not close or len(self.linearised.r) >= levels.MAX_REDRAWN_RESIDUALS:
@@ -56,9 +48,6 @@ class InitialScores:
     def null_beside(self, members: Sequence[Candidate]) -> NullDistribution:
         """The distribution of the least p-value beyond the geometry and the members of a set.
 
-        What a large effect leaves in flipped data is no noise: beside it the null has tails that no further effect of
-        usual size reaches. Residuals of the whole set have none of it.
-
         Source: ter Braak (1992), permutation of residuals of the full model.
         """
         linearised = self.linearised
@@ -67,11 +56,7 @@ class InitialScores:
 
     @cached_property
     def shortlist(self) -> tuple[Candidate, ...]:
-        """The candidates that explain something by themselves, those with a searched shape at their best.
-
-        Refining costs some evaluations each: only candidates with a good part of the best evidence, and the first few,
-        are.
-        """
+        """The candidates that explain something by themselves, those with a searched shape at their best."""
         refined = levels.REFINED_EVIDENCE_SHARE * self.scored[0].log_p if self.scored else 0.0
         return tuple(
             refine_shape(self.linearised.sensitivities, self.baseline, s.candidate)

@@ -20,13 +20,7 @@ _STEPS_TO_HALF_WAY = 4  # steps to either side from a line of the grid to half w
 
 
 class LineAtoms(Atoms):
-    """Cyclic errors of one joint at every frequency that its values resolve.
-
-    The columns of a line are ``c_n sin(k (q_n − q_0))`` and the cosine, c_n what one unit of the joint does to row n.
-
-    Their inner products are Fourier sums over the joint values: all K frequencies cost about as much as one column
-    each.
-    """
+    """Cyclic errors of one joint at every frequency that its values resolve."""
 
     def __init__(self, linearised: LinearisedData, lines: Lines) -> None:
         self.width = 2

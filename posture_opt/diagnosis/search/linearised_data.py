@@ -23,14 +23,9 @@ class LinearisedData:
     """The residuals of a calibrated arm with the sensitivities that could explain them: ``r ≈ G x + Z θ + noise``.
 
     Args:
-        sensitivities: what one unit of any effect does to every residual.
-        excitation: what the data can show of effects.
         r: (m,) whitened residuals [1].
         G: (m, k) columns of the geometry that the data determine.
         groups: (m,) the pose of every residual, whose signs are flipped together.
-        flips: draws of the null distribution, from ``seed``.
-        count: the number of residuals; more than m if `reduced`.
-        instrument: σ of a measured coordinate as stated, in σ of the residuals; infinite where none is stated.
     """
 
     sensitivities: EffectSensitivities
@@ -55,10 +50,7 @@ class LinearisedData:
         return ProjectedBaseline.of(self.r, columns, self.groups, flips, self.seed, self.count)
 
     def reduced(self, members: Sequence[Candidate]) -> tuple[LinearisedData, list[Candidate]]:
-        """The same data and members in coordinates of the space that geometry and members span.
-
-        One more coordinate represents all that lies outside; what members are worth given each other is the same.
-        """
+        """The same data and members in coordinates of the space that geometry and members span."""
         columns = np.concatenate([self.G, *(s.Z for s in members)], axis=1)
         R = triangular_factor(np.concatenate([columns, self.r[:, None]], axis=1))
         r, R = R[:, -1], R[:, :-1]
@@ -70,11 +62,7 @@ class LinearisedData:
 
 
 def linearise_calibration(calibration: Calibration, flips: int = 299, seed: int = 0) -> LinearisedData:
-    """The residuals of a calibrated arm, without its outliers, about its estimate.
-
-    Args:
-        flips: draws of the null distribution; seed: of their signs.
-    """
+    """The residuals of a calibrated arm, without its outliers, about its estimate."""
     kept = calibration.kept_rows
     residuals = calibration.residuals.take(kept)
     r, J = residuals.residuals_and_jacobian(calibration.x)

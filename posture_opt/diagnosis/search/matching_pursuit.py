@@ -30,25 +30,14 @@ _BASIS_COLUMNS = 100  # of one basis: geometry, and some forty effects
 
 @dataclass(frozen=True, eq=False)
 class Pursued:
-    """What a pursuit chose, in its order, and at each step the candidates that would have done nearly as well.
-
-    Runners-up are those within `levels.RIVAL_CRITERION` of the best at their step.
-    """
+    """What a pursuit chose, in its order, and at each step the candidates that would have done nearly as well."""
 
     chosen: tuple[Candidate, ...]
     runners_up: tuple[Candidate, ...]
 
 
 def pursue_candidates(dictionary: Dictionary, most: int, held_out: Codes | None = None) -> Pursued:
-    """The candidates that lower the criterion ``m log RSS + prices`` most, one after another, until none does.
-
-    A parameter is charged `price_of_parameters`, a candidate `price_of_choice`. The cost of a step is one product of
-    all columns with the new directions; nothing is factorised again.
-
-    Args:
-        most: candidates at which it ends.
-        held_out: rows that teach nothing.
-    """
+    """The candidates that lower the criterion ``m log RSS + prices`` most, one after another, until none does."""
     return _pursue_together(dictionary, most, [held_out])[0]
 
 
@@ -61,7 +50,6 @@ def pursue_in_folds(dictionary: Dictionary, most: int, folds: Sequence[Codes]) -
 
 
 def _pursue_together(dictionary: Dictionary, most: int, held_out: Sequence[Codes | None]) -> list[Pursued]:
-    """Pursuits side by side: the columns, which are by far the most numbers, are walked through once a step."""
     linearised = dictionary.linearised
     pursuits = [_Pursuit(linearised, place, rows) for place, rows in enumerate(held_out)]
     states = [AtomStates(atoms, held_out) for atoms in dictionary.by_width]
@@ -77,11 +65,7 @@ def _pursue_together(dictionary: Dictionary, most: int, held_out: Sequence[Codes
 
 
 class _Pursuit:
-    """One of the pursuits that run side by side.
-
-    Args:
-        place: among them; held_out: rows that teach it nothing.
-    """
+    """One of the pursuits that run side by side."""
 
     def __init__(self, linearised: LinearisedData, place: int, held_out: Codes | None) -> None:
         block = linearised.sensitivities.residuals.block
@@ -147,7 +131,6 @@ class _Pursuit:
         return self._rows[: count + more].T
 
     def _sharpen(self, states: Sequence[AtomStates]) -> None:
-        """Fits the lines together, and begins anew with what was chosen."""
         self.chosen = sharpen_lines(self._linearised, self.chosen, self.learn)
         self.Q, self.e = _projected_residuals(self._linearised, self.chosen, self.learn)
         for state in states:
@@ -155,11 +138,6 @@ class _Pursuit:
 
 
 def _projected_residuals(linearised: LinearisedData, chosen: Sequence[Candidate], learn: Mask) -> tuple[Array, Array]:
-    """An orthonormal basis of geometry and chosen candidates on the rows that teach, and what it leaves of them.
-
-    Returns:
-        Q (m, p), zero in the rows left out, and e (m,).
-    """
     columns = np.concatenate([linearised.G, *(c.Z for c in chosen)], axis=1)
     Q = np.where(learn[:, None], orthonormal_basis(columns, learn), 0.0)
     e = linearised.r * learn
@@ -167,10 +145,7 @@ def _projected_residuals(linearised: LinearisedData, chosen: Sequence[Candidate]
 
 
 def _new_directions(candidate: Candidate, Q: Array, learn: Mask) -> Array:
-    """Orthonormal directions (m, p) that a candidate's columns add to Q on the rows that are fitted.
-
-    Directions of which less than `levels.MIN_DISTINCT_SHARE` is new are left out.
-    """
+    """Orthonormal directions (m, p) that a candidate's columns add to Q on the rows that are fitted."""
     # Long vectors are rows here, as those of Q are in memory: a product of a few of them takes half of the time.
     basis, Z = Q.T, np.multiply(candidate.Z.T, learn, order="C")
     norms = np.linalg.norm(Z, axis=1)

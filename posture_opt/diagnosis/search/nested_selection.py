@@ -41,9 +41,7 @@ class NestedSelection:
     """The sets of every size that each fold chose from its own rows.
 
     Args:
-        linearised: the data that they were chosen for.
         folds: the rows that each left out; ``groups`` (N,) codes of correlated rows.
-        sets: the named effects by fold and size, from the empty set on; the last one also serves for all larger sizes.
         losses: (sizes, N) squared position errors [m²] of the rows left out.
     """
 
@@ -99,11 +97,7 @@ class NestedSelection:
         return replace(self, sets=sets)
 
     def with_moments_of(self, effects: Sequence[Effect]) -> NestedSelection:
-        """The same choices, each slip at the moment of one of ``effects`` where the fold cannot tell them apart.
-
-        What a fold learned from does not say on which side of a slip the rows are that it left out between its own two.
-        An arm cannot be wrong about that.
-        """
+        """The same choices, each slip at the moment of one of ``effects`` where the fold cannot tell them apart."""
         steps = [e for e in effects if isinstance(e, Slip)]
         if not steps:
             return self
@@ -123,25 +117,14 @@ class NestedSelection:
         return replace(self, sets=tuple(sets))
 
     def held_out(self, calibrated: Fit, size: int, shape: Array | None = None) -> HeldOut:
-        """Errors of all rows by the named effects of one size, each set fitted to the rows that it was chosen from.
-
-        Args:
-            calibrated: the fit of the geometry alone, about which the models are linear.
-            shape: see `cross_validation.held_out`.
-        """
+        """Errors of all rows by the named effects of one size, each set fitted to the rows that it was chosen from."""
         models = ((left_out, linear) for left_out, linear, *_ in self.fitted_sets(calibrated, size))
         return linear_held_out_errors(calibrated.residuals, models, shape=shape)
 
     def fitted_sets(
         self, calibrated: Fit, size: int, also: Sequence[Effect] = ()
     ) -> Iterator[tuple[Codes, LinearModel, tuple[Effect, ...], list[Array]]]:
-        """Of each fold the rows left out, its own model, and the effects in it with their columns (m, k).
-
-        The columns of the model are of unit length; one fold at a time, for memory.
-
-        Args:
-            also: effects that every model has, unless it has one of the same kind and target.
-        """
+        """Of each fold the rows left out, its own model, and the effects in it with their columns (m, k)."""
         for left_out, sets in zip(self.folds, self.sets, strict=True):
             own = sets[min(size, len(sets) - 1)]
             named = {(e.kind, e.target) for e in own}
@@ -188,7 +171,6 @@ class Folding:
 
     Args:
         groups: (N,) codes of rows that are correlated and left out together.
-        folds: the rows of each fold.
     """
 
     groups: Codes
@@ -222,11 +204,7 @@ class NestedSelections:
 
     @property
     def size(self) -> int:
-        """As many effects as the first way asks for, within one standard error, and no more than improve any other.
-
-        Poses left out show small gains, as they are many; blocks left out show where what is gained is the
-        neighbourhood alone. The first effect has been decided by a test of its own: rows left out can but refute it.
-        """
+        """As many effects as the first way asks for, within one standard error, and no more than improve any other."""
         if any(nested.refuted for nested in self.each):
             return 0
         return min(self.each[0].least, *(nested.best for nested in self.each))

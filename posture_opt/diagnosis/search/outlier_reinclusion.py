@@ -30,19 +30,7 @@ _MAX_EXPLANATIONS = 8  # explanations: what was chosen, and that with one of its
 
 
 def reinclude_outliers(calibration: Calibration, found: SearchResult) -> Calibration:
-    """The calibration without those outliers that what was found, a rival of it, or a slip beside it explains.
-
-    A few rows far from all others are left out by a calibration that knows nothing of an effect which is largest there;
-    yet they say most about it. All rows are judged anew given geometry and effects, as the calibration judges them
-    given its geometry, and by whichever explanation leaves the fewest. No search among the other rows finds a slip
-    behind which all are left out: where outliers follow each other at an end of the session, slips are tried there.
-
-    Args:
-        calibration: with its outliers; found: what explains the other rows.
-
-    Returns:
-        The same estimate with more rows that count, or the calibration itself.
-    """
+    """The calibration without those outliers that what was found, a rival of it, or a slip beside it explains."""
     if not calibration.outliers:
         return calibration
     chosen = _effects(found.chosen)
@@ -56,15 +44,7 @@ def explains_outliers(calibration: Calibration, found: SearchResult) -> bool:
 
 
 def without_hidden_outliers(calibration: Calibration, model: Fit) -> Calibration | None:
-    """The calibration without rows that are clear outliers beside the effects; None where there are none.
-
-    What effects do in the errors of the calibrated arm is larger than many a gross error: two rows that are off by 2 mm
-    count for a quarter of all that is left, and as scatter of the joint that moves them. Many such rows, or several
-    that follow each other, are no gross errors but what the model lacks.
-
-    Args:
-        model: the arm with its effects, fitted to the rows that count.
-    """
+    """The calibration without rows that are clear outliers beside the effects; None where there are none."""
     m = model.residuals.measured
     columns = (model.jacobian @ model.directions)[:m]
     gross = _gross_rows(model.whitened[:m], columns, model.residuals, _CLEAR_MARGIN)
@@ -72,11 +52,7 @@ def without_hidden_outliers(calibration: Calibration, model: Fit) -> Calibration
 
 
 def without_clear_outliers(calibration: Calibration) -> Calibration:
-    """The calibration without rows that are clear outliers beside what a pursuit of lasting effects takes.
-
-    It is a rough description of the errors, and a search that has to be made again once these rows show beside its
-    result takes many times as long. Where no row is that far off by the instrument's σ, none is beside effects.
-    """
+    """The calibration without rows that are clear outliers beside what a pursuit of lasting effects takes."""
     linearised = linearise_calibration(calibration, flips=0)
     residuals = linearised.sensitivities.residuals
     m, block = residuals.measured, residuals.block
@@ -126,12 +102,10 @@ def _left_out(calibration: Calibration, explanations: Sequence[Sequence[Effect]]
 
 
 def _effects(chosen: Sequence[Candidate]) -> list[Effect]:
-    """Those that have a name."""
     return [s.what for s in chosen if isinstance(s.what, Effect)]
 
 
 def _effect_sets(found: SearchResult) -> Iterator[list[Effect]]:
-    """The chosen set, then sets with one member replaced by a named rival, `_MAX_EXPLANATIONS` at the most."""
     yield _effects(found.chosen)
     others = [(i, rival) for i, rivals in enumerate(found.rivals) for rival in rivals if rival.named]
     for i, rival in others[: _MAX_EXPLANATIONS - 1]:
@@ -139,7 +113,6 @@ def _effect_sets(found: SearchResult) -> Iterator[list[Effect]]:
 
 
 def _slips_at_ends(calibration: Calibration) -> list[Slip]:
-    """Every slip at the moment from which on, or until which, rows are outliers rather than not."""
     case, gone = case_of(calibration.request.data, calibration.residuals.robot), ~calibration.fit.kept
     slips = {(s.of, s.way): s for s in Slip.candidates(case) if isinstance(s, Slip)}
     times = np.asarray(case.times)
@@ -156,12 +129,7 @@ def _slips_at_ends(calibration: Calibration) -> list[Slip]:
 
 
 def _gross_rows(r: Array, A: Array, residuals: Residuals, margin: float = OUTLIER_MARGIN) -> Mask:
-    """(N,) which rows stay gross errors given the columns A (m, k), with such rows left out of the fit.
-
-    ``margin`` is that of `find_outliers`.
-
-    Rows are left out and judged again until the set repeats, `_MAX_OUTLIER_ROUNDS` times at the most.
-    """
+    """(N,) which rows stay gross errors given the columns A (m, k), with such rows left out of the fit."""
     scale = np.linalg.norm(A, axis=0)
     A, block = A / np.where(scale > 0, scale, 1.0), residuals.block
     gone = np.zeros(len(r) // block, dtype=bool)

@@ -44,19 +44,8 @@ ReportStep = Callable[[], None]
 class SearchResult:
     """The effects that a search found.
 
-    Largest contribution first means by the rise of the criterion without a member, all others kept.
-
     Args:
-        chosen: the candidates that together explain the residuals best, the largest contribution first.
         p_values: (chosen,) family-wise, of dropping each.
-        rivals: for each chosen one the candidates that could replace it.
-        scored: every candidate on the geometry alone.
-        null: the null distribution of the best candidate on the geometry alone.
-        absorbed: named candidates that the geometry alone could replace, with the share of their columns that is
-            left.
-        nested: what folds chose by themselves; ``considered`` the significant candidates that were chosen from.
-        names: the best set of named effects alone, where it is the better model.
-        null: of the best candidate on the geometry alone; ``beside`` the same beside a set, where it was needed.
     """
 
     chosen: tuple[Candidate, ...]
@@ -97,11 +86,7 @@ class SearchResult:
 
 @dataclass(frozen=True, eq=False)
 class _Selection:
-    """A set that was chosen from some of the candidates, before it is known what could replace its members.
-
-    Args:
-        chosen, nested, considered, beside: as of a `SearchResult`; ``others`` could replace members.
-    """
+    """A set that was chosen from some of the candidates, before it is known what could replace its members."""
 
     chosen: tuple[Candidate, ...]
     nested: NestedSelections
@@ -116,39 +101,19 @@ class _Selection:
 
 
 def _count(chosen: Sequence[Candidate]) -> int:
-    """How many candidates these are, every line of a joint counted."""
     return sum(len(s.what.lines) if isinstance(s.what, CyclicError) else 1 for s in chosen)
 
 
 def search_effects(
     linearised: LinearisedData, foldings: Sequence[Folding] | None = None, report_step: ReportStep = lambda: None
 ) -> SearchResult:
-    """The effects in the residuals, with the family-wise error of the first at `levels.FIRST_EFFECT_LEVEL`.
-
-    A matching pursuit over all candidates, backward elimination by F tests with a null distribution of sign flips
-    (Winkler et al. 2014), and as many effects as predict rows left out: `nested_selection`.
-
-    Real arms' errors are no exact sines; names that explain nearly as much as the best description are the better
-    model: they say where to look and can be planned with. The result stays that unnamed components are needed.
-
-    Args:
-        foldings: ways to leave rows out, the usual ones if None.
-        report_step: called after every part.
-
-    Returns:
-        The chosen set without its dictionary; ``names`` the best named set, where unnamed components explain more.
-    """
+    """The effects in the residuals, with the family-wise error of the first at `levels.FIRST_EFFECT_LEVEL`."""
     if foldings is None:
         foldings = Folding.usual(linearised.sensitivities.residuals.data)
     return _search_all(linearised, foldings, report_step).detached
 
 
 def _search_all(linearised: LinearisedData, foldings: Sequence[Folding], report_step: ReportStep) -> SearchResult:
-    """The search itself.
-
-    Raises:
-        InsufficientDataError: the parameters of the geometry take up all that was measured.
-    """
     start = InitialScores.of(linearised, candidates_of(linearised)).decided()
     report_step()
     if start.baseline.freedom < 1:
@@ -179,10 +144,6 @@ def candidates_of(linearised: LinearisedData) -> list[Candidate]:
 
 
 def _plausible(start: InitialScores, foldings: Sequence[Folding], found: _Selection) -> _Selection:
-    """The set, or one whose sizes arms can have, where that explains nearly as much.
-
-    A drift explains what a length would only by growing ten times as much as metals do.
-    """
     impossible = {s.key for s in implausible_members(start.linearised, found.chosen)}
     if not impossible:
         return found
@@ -193,13 +154,6 @@ def _plausible(start: InitialScores, foldings: Sequence[Folding], found: _Select
 
 
 def _named_model(start: InitialScores, foldings: Sequence[Folding]) -> _Selection:
-    """The best set of named effects: with those of the session only where these predict rows left out clearly better.
-
-    What stays constant for a while, or bends with the place in the room, imitates much that has another cause. Yet one
-    drift is likelier than several lasting causes that explain no more, or than one of a size that no arm has.
-
-    Both sets are chosen in the same way; only what they may choose from differs.
-    """
     persistent = _select_allowed(start, foldings, lambda c: c.persistent)
     last = foldings[-1:]
     every = _select_allowed(start, last, lambda c: c.named)
@@ -218,11 +172,6 @@ def _named_model(start: InitialScores, foldings: Sequence[Folding]) -> _Selectio
 def _select_allowed(
     start: InitialScores, foldings: Sequence[Folding], allowed: Callable[[Candidate], bool]
 ) -> _Selection:
-    """The best set of those candidates that are allowed.
-
-    Pursuit, exchange, elimination, and a size by nested folds; each step only removes or replaces members of the one
-    before.
-    """
     linearised = start.linearised
     dictionary = Dictionary(linearised, tuple(filter(allowed, start.candidates)))
     pursued = pursue_candidates(dictionary, levels.MAX_EFFECTS)
@@ -248,10 +197,6 @@ def _select_allowed(
 
 
 def _joined_lines(linearised: LinearisedData, members: Sequence[Candidate]) -> list[Candidate]:
-    """The members with all lines of one joint as one cyclic error.
-
-    Lines of one joint are one cause, a cyclic error with several harmonics; they were searched for one by one.
-    """
     lines: dict[str, list[Candidate]] = {}
     for member in members:
         if isinstance(member.what, CyclicError):
@@ -274,7 +219,6 @@ def _sizes(linearised: LinearisedData, members: Sequence[Candidate]) -> dict[str
 
 
 def _one_error(linearised: LinearisedData, lines: Sequence[Candidate], sizes: Mapping[str, float]) -> Candidate:
-    """Lines of one joint as one cyclic error, the largest first."""
     errors = [s.what for s in lines if isinstance(s.what, CyclicError)]
     error = CyclicError.joined(errors, [sizes[str(one)] for one in errors])
     searched = float(np.exp(np.sum(np.log([s.searched for s in lines]))))  # each was searched for by itself
@@ -284,10 +228,6 @@ def _one_error(linearised: LinearisedData, lines: Sequence[Candidate], sizes: Ma
 def _exchanged_members(
     start: InitialScores, members: tuple[Candidate, ...], shortlisted: Sequence[Candidate]
 ) -> tuple[Candidate, ...]:
-    """The members after drops and swaps with the shortlisted, as long as the criterion falls.
-
-    Sets of one member, or of more than `levels.MAX_EXCHANGED_EFFECTS`, stay as they are.
-    """
     if not 1 < len(members) <= levels.MAX_EXCHANGED_EFFECTS:
         return members
     every = separate_lines(start.linearised, merged_candidates(members, shortlisted))
@@ -298,7 +238,6 @@ def _exchanged_members(
 
 
 def _refined_members(linearised: LinearisedData, members: Sequence[Candidate]) -> list[Candidate]:
-    """The members, each at the shape that explains most given the others."""
     found = list(members)
     for i, member in enumerate(found):
         if not isinstance(member.what, CyclicError) and has_shape(linearised.sensitivities, member):
@@ -318,11 +257,7 @@ def remaining_unnamed(linearised: LinearisedData, found: SearchResult) -> tuple[
 
 
 def keep_named(linearised: LinearisedData, found: SearchResult, kept: Sequence[int]) -> SearchResult:
-    """The result with some of its named effects alone; what the data lose without each of them is found anew.
-
-    Args:
-        kept: places among the named ones; what went is among the rivals of those that stay, if it could replace one.
-    """
+    """The result with some of its named effects alone; what the data lose without each of them is found anew."""
     named = [s for s in found.chosen if s.named]
     if len(kept) == len(named):
         return found
@@ -335,7 +270,6 @@ def keep_named(linearised: LinearisedData, found: SearchResult, kept: Sequence[i
 
 
 def _search_result(start: InitialScores, found: _Selection) -> SearchResult:
-    """The members by their weight, each with its p-value given the others and its rivals."""
     chosen, weights = rank_members(start.linearised, found.chosen)
     p_values = tuple(family_wise(start.null, found.beside, chosen, [p for p, _ in weights]))
     rivals = _all_rivals(start.linearised, start.baseline, found.others, chosen)
@@ -349,6 +283,5 @@ def _search_result(start: InitialScores, found: _Selection) -> SearchResult:
 def _all_rivals(
     linearised: LinearisedData, baseline: ProjectedBaseline, others: Sequence[Candidate], chosen: Sequence[Candidate]
 ) -> tuple[tuple[Candidate, ...], ...]:
-    """The rivals of each chosen candidate among others, and the aliases of its first line."""
     found = find_rivals(baseline, others, chosen)
     return tuple((*own, *find_aliases(linearised, chosen, i)) for i, own in enumerate(found))

@@ -23,9 +23,9 @@ from posture_opt.diagnosis.search.linearised_data import LinearisedData
 from posture_opt.model.effects import Effect, FittedSizes
 from posture_opt.numerics import Array
 
+# Log p-value of a member above which no null makes it significant: of some 30 independent candidates it would have to
+# be -8.5 at `levels.FURTHER_EFFECT_LEVEL`.
 _HOPELESS_LOG_P = -8.0
-"""Log p-value of a member above which no null makes it significant: of some 30 independent candidates it would have to
-be -8.5 at `levels.FURTHER_EFFECT_LEVEL`."""
 
 
 def merged_candidates(former: Iterable[Candidate], new: Iterable[Candidate]) -> tuple[Candidate, ...]:
@@ -36,11 +36,7 @@ def merged_candidates(former: Iterable[Candidate], new: Iterable[Candidate]) -> 
 
 
 def candidate_pool(baseline: ProjectedBaseline, candidates: Sequence[Candidate]) -> Pool:
-    """Candidates with their penalties on a baseline; two shapes of one effect exclude each other.
-
-    Args:
-        baseline: what is fitted before any of them.
-    """
+    """Candidates with their penalties on a baseline; two shapes of one effect exclude each other."""
     columns = ProjectedColumns.of(baseline, [s.Z for s in candidates])
     counted = zip(candidates, columns.sizes.tolist(), columns.gains.tolist(), strict=True)
     penalty = [_candidate_penalty(baseline, s, size, gain) for s, size, gain in counted]
@@ -51,33 +47,24 @@ def candidate_pool(baseline: ProjectedBaseline, candidates: Sequence[Candidate])
 
 
 def price_of_choice(candidate: Candidate) -> float:
-    """What the criterion charges for a candidate beyond its parameters: for its grid, if it has no name or is unlikely.
-
-    ``2 log(searched) + γ`` and as much again without a name: extended BIC (Chen, Chen 2008).
-    """
+    """What the criterion charges for a candidate beyond its parameters: for its grid, if it has no name or is unlikely."""
     unnamed = 0.0 if candidate.named else levels.UNNAMED_PENALTY
     return float(2 * np.log(candidate.searched) + levels.CHOICE_PENALTY + unnamed + _price_of_unlikely(candidate))
 
 
 def _price_of_unlikely(candidate: Candidate) -> float:
-    """What is charged for an effect that is asked for more evidence than others."""
     unlikely = isinstance(candidate.what, Effect) and candidate.what.less_likely
     return levels.UNLIKELY_PENALTY if unlikely else 0.0
 
 
 def price_of_parameters(count: Array, evidence: Array, freedom: float | Array) -> Array:
-    """What the criterion charges for so many parameters, which explain ``evidence`` in units of the noise variance.
-
-    A parameter costs ``log m`` (Schwarz 1978); those of a large group at most what an empirical Bayes prior on the
-    group's size would charge, ``1 + log(T / k)`` each for an evidence T of k parameters (George, Foster 2000).
-    """
+    """What the criterion charges for so many parameters, which explain ``evidence`` in units of the noise variance."""
     group = 1 + np.log(np.maximum(evidence / np.maximum(count, 1), 1.0))
     each = np.where(count > levels.LARGE_GROUP_SIZE, np.minimum(np.log(freedom), group), np.log(freedom))
     return np.asarray(count * each)
 
 
 def _candidate_penalty(baseline: ProjectedBaseline, candidate: Candidate, size: int, gain: float) -> float:
-    """What a candidate of so many directions that explain so much costs in the criterion."""
     freedom = max(baseline.freedom, 1)
     evidence = np.array(gain / max(float(baseline.rss[0]) / freedom, 1e-300))
     return float(price_of_parameters(np.array(size), evidence, freedom)) + price_of_choice(candidate)
@@ -86,11 +73,7 @@ def _candidate_penalty(baseline: ProjectedBaseline, candidate: Candidate, size: 
 def member_weight(
     linearised: LinearisedData, members: Sequence[Candidate], member: Candidate
 ) -> tuple[float, float]:  # fmt: skip
-    """Log p-value of the F test of a member given the others, and the rise of the criterion without it.
-
-    Args:
-        members: the set, ``member`` among them.
-    """
+    """Log p-value of the F test of a member given the others, and the rise of the criterion without it."""
     others = [s for s in members if s is not member]
     baseline = linearised.baseline(others, flips=0)
     basis, _ = projected_basis(baseline, member.Z)
@@ -104,11 +87,7 @@ def member_weight(
 
 
 def member_weights(linearised: LinearisedData, members: Sequence[Candidate]) -> list[tuple[float, float]]:
-    """`member_weight` of every member given the others, all from one fit: ``ΔRSS = θᵀ C⁻¹ θ`` (Wald).
-
-    Returns:
-        (log p-value, rise of the criterion without it) of each; 0 and −∞ where its estimate is physically impossible.
-    """
+    """`member_weight` of every member given the others, all from one fit: ``ΔRSS = θᵀ C⁻¹ θ`` (Wald)."""
     if not members:
         return []
     small, reduced = linearised.reduced(members)
@@ -141,13 +120,7 @@ def member_weights(linearised: LinearisedData, members: Sequence[Candidate]) -> 
 
 
 def beyond_instrument(linearised: LinearisedData, members: Sequence[Candidate]) -> list[Candidate]:
-    """The members that shift the measured points by more than they can, ``|(I − G G⁺) Z θ|²`` above their limit.
-
-    Columns that lean on each other may cancel: each may then do more than all of them explain.
-
-    Args:
-        members: fitted together with the geometry G.
-    """
+    """The members that shift the measured points by more than they can, ``|(I − G G⁺) Z θ|²`` above their limit."""
     limited = [s for s in members if np.isfinite(s.most)]
     if not limited:
         return []
@@ -165,10 +138,7 @@ def beyond_instrument(linearised: LinearisedData, members: Sequence[Candidate]) 
 
 
 def implausible_members(linearised: LinearisedData, members: Sequence[Candidate]) -> list[Candidate]:
-    """The effects of a set of a size that such a cause cannot have on the arm, see `Effect.plausible`.
-
-    Linear parameters alone decide; the standard errors are those of a fit of all members together.
-    """
+    """The effects of a set of a size that such a cause cannot have on the arm, see `Effect.plausible`."""
     if not members:
         return []
     A = np.concatenate([linearised.G, *(s.Z for s in members)], axis=1)
@@ -193,18 +163,12 @@ def implausible_members(linearised: LinearisedData, members: Sequence[Candidate]
 
 
 def _size_possible(candidate: Candidate, sizes: Array, errors: Array) -> bool:
-    """Whether an estimate with its standard errors lies within the physical limits of the parameters."""
     low, high = candidate.what.limits if isinstance(candidate.what, Effect) else (-np.inf, np.inf)
     return not np.any(beyond_limits(sizes, errors if len(sizes) > 1 else 0 * errors, low, high))
 
 
 def substantial_members(linearised: LinearisedData, members: Sequence[Candidate]) -> tuple[Candidate, ...]:
-    """The members without those that explain next to nothing, of what all explain and of what they leave alike.
-
-    It is the least that goes first. A name for less is not worth its line, however certain.
-
-    A member stays with `levels.MIN_EFFECT_SHARE` of what all explain, or `levels.MIN_EFFECT_RISE` of what they leave.
-    """
+    """The members without those that explain next to nothing, of what all explain and of what they leave alike."""
     if len(members) < 2:
         return tuple(members)
     small, reduced = linearised.reduced(members)
@@ -224,11 +188,7 @@ def substantial_members(linearised: LinearisedData, members: Sequence[Candidate]
 def rank_members(
     linearised: LinearisedData, members: Sequence[Candidate]
 ) -> tuple[tuple[Candidate, ...], list[tuple[float, float]]]:
-    """The members, the largest contribution first, and the weight of each.
-
-    Returns:
-        The members, the one whose loss costs most first.
-    """
+    """The members, the largest contribution first, and the weight of each."""
     weights = member_weights(linearised, members)
     order = sorted(range(len(members)), key=lambda i: -weights[i][1])
     return tuple(members[i] for i in order), [weights[i] for i in order]
@@ -237,12 +197,7 @@ def rank_members(
 def eliminate_members(
     linearised: LinearisedData, nulls: FurtherNulls, members: Sequence[Candidate]
 ) -> tuple[Candidate, ...]:
-    """Backward elimination of the members that are not significant given the others, the least significant first.
-
-    Args:
-        nulls: the distribution of the best candidate on the geometry alone, which decides on a first effect, and that
-            beside all members, which decides on every further one.
-    """
+    """Backward elimination of the members that are not significant given the others, the least significant first."""
     kept, (linearised, reduced) = list(members), linearised.reduced(members)
     while kept:
         weights = member_weights(linearised, reduced)
@@ -256,22 +211,14 @@ def eliminate_members(
 
 @dataclass(eq=False)
 class FurtherNulls:
-    """The null distributions of a first effect and of those beside others.
-
-    Args:
-        first: on the geometry alone; ``beside`` makes that beside all members, where a decision depends on it.
-        drawn: that one, once it was made.
-    """
+    """The null distributions of a first effect and of those beside others."""
 
     first: NullDistribution
     beside: Callable[[], NullDistribution]
     drawn: NullDistribution | None = field(default=None, init=False)
 
     def family_wise(self, members: Sequence[Candidate], log_p: Sequence[float]) -> list[float]:
-        """The p-values of the members of a set, each given the others.
-
-        The first null is the stricter one: where all are significant by it, the other one is not made.
-        """
+        """The p-values of the members of a set, each given the others."""
         found = family_wise(self.first, self.drawn, members, log_p)
         doubtful = [p for p, value in zip(log_p, found, strict=True) if value >= levels.FURTHER_EFFECT_LEVEL]
         if self.drawn is None and len(members) > 1 and min(doubtful, default=0.0) < _HOPELESS_LOG_P:
@@ -291,12 +238,7 @@ def family_wise(
 def find_rivals(
     baseline: ProjectedBaseline, shortlisted: Sequence[Candidate], chosen: Sequence[Candidate]
 ) -> tuple[tuple[Candidate, ...], ...]:
-    """For each chosen candidate the others that explain as much in its place, within `levels.RIVAL_CRITERION`.
-
-    Four kinds: those that explain as much; those that would, were parameters charged less (`levels.LENIENT_PENALTY`);
-    of a persistent effect those of the session, and vice versa, that would at the price of the member, as which of them
-    it is decides what is delivered; and names that alone explain as much as all members together.
-    """
+    """For each chosen candidate the others that explain as much in its place, within `levels.RIVAL_CRITERION`."""
     every = merged_candidates(shortlisted, chosen)
     pool = candidate_pool(baseline, every)
     place = {str(s.what): i for i, s in enumerate(every)}
@@ -313,7 +255,6 @@ def _rivals_of(
     members: Chosen,
     for_all: Sequence[tuple[float, int]],
 ) -> tuple[Candidate, ...]:
-    """Those of the alternatives to a member that resemble it, the best shape of each, the best first."""
     found: dict[object, Candidate] = {}
     pools = *pools, _other_duration_pool(pools[0], every, member)
     close = close_alternatives(pools, members, member, levels.RIVAL_CRITERION)
@@ -326,7 +267,6 @@ def _rivals_of(
 
 
 def _lenient_pool(pool: Pool, candidates: Sequence[Candidate]) -> Pool:
-    """The pool with names charged 2 a parameter (Akaike 1974): what only costs more has not been refuted by data."""
     less = [
         (np.log(pool.freedom) - levels.LENIENT_PENALTY) * size if s.named and size <= levels.LARGE_GROUP_SIZE else 0.0
         for s, size in zip(candidates, pool.columns.sizes.tolist(), strict=True)
@@ -336,7 +276,6 @@ def _lenient_pool(pool: Pool, candidates: Sequence[Candidate]) -> Pool:
 
 
 def _other_duration_pool(pool: Pool, candidates: Sequence[Candidate], member: int) -> Pool:
-    """The pool with names of the session at the price of a persistent member, and vice versa."""
     other = [
         s.named and s.persistent != candidates[member].persistent and size <= levels.LARGE_GROUP_SIZE
         for s, size in zip(candidates, pool.columns.sizes.tolist(), strict=True)
@@ -346,7 +285,6 @@ def _other_duration_pool(pool: Pool, candidates: Sequence[Candidate], member: in
 
 
 def _for_all(pool: Pool, candidates: Sequence[Candidate], members: Chosen) -> list[tuple[float, int]]:
-    """Names that alone could replace all that was chosen."""
     least = pool.criterion(members)
     alone = ((value - least, only[0]) for value, only in pool.additions(())) if len(members) > 1 else ()
     return [(more, i) for more, i in alone if more <= levels.RIVAL_CRITERION and candidates[i].named]

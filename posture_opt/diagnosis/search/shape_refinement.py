@@ -19,14 +19,7 @@ _RIDGE_SHARE = 1e-10  # of columns of length one: what depends on others keeps a
 
 
 def refine_shape(sensitivities: EffectSensitivities, baseline: ProjectedBaseline, candidate: Candidate) -> Candidate:
-    """The candidate at the shape, between its neighbours on the grid, that explains most of the residuals.
-
-    A smooth shape is searched within its bracket, a moment among those of the rows, a phase on a finer grid; a
-    candidate without a shape stays.
-
-    Args:
-        baseline: what is fitted together with it.
-    """
+    """The candidate at the shape, between its neighbours on the grid, that explains most of the residuals."""
     effect = candidate.what
     if isinstance(effect, UnnamedComponent):
         return _best_phase(sensitivities, baseline, candidate, effect)
@@ -45,10 +38,7 @@ def has_shape(sensitivities: EffectSensitivities, candidate: Candidate) -> bool:
 
 
 def finer_shapes(sensitivities: EffectSensitivities, candidate: Candidate) -> Iterator[Candidate]:
-    """The candidate at some shapes between its neighbours on the grid, its own among them.
-
-    Cheaper than `refine_shape`: all of them are scored by one product.
-    """
+    """The candidate at some shapes between its neighbours on the grid, its own among them."""
     effect = candidate.what
     yield candidate
     if isinstance(effect, UnnamedComponent):
@@ -79,13 +69,7 @@ def separate_lines(linearised: LinearisedData, candidates: Sequence[Candidate]) 
 
 
 def sharpen_lines(linearised: LinearisedData, members: Sequence[Candidate], learn: Mask) -> list[Candidate]:
-    """The members with the cycles of all lines fitted together, to the rows ``learn`` (m,): a Gauss-Newton step.
-
-    A line that was found before others is a little off, towards them, and what it leaves looks like another line next
-    to it (Mamandipoor, Ramasamy, Madhow 2016).
-
-    The step of each line is at most half of what keeps two lines apart.
-    """
+    """The members with the cycles of all lines fitted together, to the rows ``learn`` (m,): a Gauss-Newton step."""
     found = list(members)
     lines = [i for i, s in enumerate(found) if isinstance(s.what, CyclicError)]
     if not lines:
@@ -118,7 +102,6 @@ def _line_slope(linearised: LinearisedData, line: Candidate, theta: Array) -> Ar
 
 
 def _moved_line(linearised: LinearisedData, line: Candidate, step: float) -> Candidate:
-    """The line with other cycles, by no more than half of what keeps it apart from others, and never at zero."""
     error = line.what
     assert isinstance(error, CyclicError)
     most = next(own.least_distance for own in linearised.lines if own.form.joint == error.joint) / 2
@@ -129,7 +112,6 @@ def _moved_line(linearised: LinearisedData, line: Candidate, step: float) -> Can
 def _best_smooth(
     sensitivities: EffectSensitivities, baseline: ProjectedBaseline, candidate: Candidate, effect: Effect
 ) -> Candidate:
-    """The effect at the smooth shape within its bracket that explains most, by a bounded scalar search (Brent 1973)."""
     from scipy.optimize import minimize_scalar
 
     def loss(trial: float) -> float:
@@ -146,7 +128,6 @@ def _best_smooth(
 def _best_phase(
     sensitivities: EffectSensitivities, baseline: ProjectedBaseline, candidate: Candidate, component: UnnamedComponent
 ) -> Candidate:
-    """The component at that of the finer phases which explains most."""
     near = [candidate, *(Candidate(u, Z, candidate.searched) for u, Z in finer_phases(sensitivities, component))]
     return max(near, key=lambda s: _explained_square(baseline, s.Z))
 
@@ -154,11 +135,7 @@ def _best_phase(
 def _best_step(
     sensitivities: EffectSensitivities, baseline: ProjectedBaseline, candidate: Candidate, effect: Effect, steps: Array
 ) -> Candidate:
-    """The effect at that of the shapes ``steps`` (k,) which explains most.
-
-    Where they are many, some are tried first, and then those next to the best of them: what an effect explains falls
-    off to both sides of its best shape.
-    """
+    """The effect at that of the shapes ``steps`` (k,) which explains most."""
 
     def gain(k: int) -> float:
         return _explained_square(baseline, sensitivities.columns(effect.with_shape(float(steps[k]))))

@@ -20,16 +20,14 @@ from posture_opt.diagnosis.search.selection_criterion import beyond_instrument, 
 from posture_opt.model.effects import CyclicError, Effect
 from posture_opt.numerics import Array, Codes
 
+# Candidates that are compared, those that explain most by themselves; chosen for time.
 _MOST_COMPARED = 40
-"""Candidates that are compared, those that explain most by themselves; chosen for time."""
+# Quantile of Student's distribution, by as many blocks, of the standard errors by which a refuted rival is worse.
 _CLEARLY_WORSE = 0.975
-"""Quantile of Student's distribution, by as many blocks, of the standard errors by which a refuted rival is worse."""
 
 
 def unrefuted_rivals(linearised: LinearisedData, found: SearchResult) -> dict[int, tuple[Effect, ...]]:
     """By its place among the chosen, further rivals of a named effect, which the data do not refute.
-
-    Lines are no rivals of each other here, see `CyclicError.bands`.
 
     Source: Vuong (1989), the likelihood ratio of models of which neither holds the other, both perhaps wrong; its
     variance from blocks of rows, within which residuals may be correlated (Cameron, Gelbach, Miller 2011).
@@ -51,7 +49,6 @@ def unrefuted_rivals(linearised: LinearisedData, found: SearchResult) -> dict[in
 
 
 def _named_others(linearised: LinearisedData, found: SearchResult) -> list[Candidate]:
-    """The effects of other kinds or at other places that explain most by themselves, the best shape of each."""
     known = {s.key for s in found.chosen}
     best: dict[object, Candidate] = {}
     for scored in sorted(found.scored, key=lambda scored: -scored.share):
@@ -63,7 +60,6 @@ def _named_others(linearised: LinearisedData, found: SearchResult) -> list[Candi
 
 
 def _can_replace(linearised: LinearisedData, members: Sequence[Candidate], i: int, other: Candidate) -> bool:
-    """Whether another cause in the place of a member would be of a size that it can have."""
     swapped = [*members[:i], other, *members[i + 1 :]]
     too_large = (*beyond_instrument(linearised, swapped), *implausible_members(linearised, swapped))
     return all(s is not other for s in too_large)
