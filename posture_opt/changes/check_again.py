@@ -1,26 +1,103 @@
-"""Whether a calibrated arm is still the one that was calibrated, from a few new rows, and if not, what changed."""
+"""``recheck``: whether a calibrated arm is still the one that was calibrated, and if not, what changed."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 
-from posture_opt.changes.changed_arm import changed_problem
-from posture_opt.changes.distinct import distinct_rows
-from posture_opt.changes.gaussian_evidence import Estimate
-from posture_opt.changes.gross_rows import without_gross_rows
-from posture_opt.changes.hypotheses import Hypotheses
-from posture_opt.changes.new_rows import NewRows
-from posture_opt.changes.visibility import visibilities
+from posture_opt.changes.hypotheses import PRIOR, Hypotheses, visibilities
+from posture_opt.changes.new_rows import Estimate, NewRows, distinct_rows, log_sum
 from posture_opt.changes.what_changed import RIVAL_SHARE, GrossRow, LikelyChange, Recheck, Verdict
 from posture_opt.errors import InputError, InsufficientDataError, NoSolutionError
 from posture_opt.experiments.measurement_plan import MeasurementPlan
 from posture_opt.experiments.plan_measurements import plan_measurements
+from posture_opt.experiments.possible_changes import PossibleChange
 from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements
+from posture_opt.model.effects import Effect
 from posture_opt.numerics import Array, Codes
+from posture_opt.selection.fitted_arm import FittedArm
 from posture_opt.selection.problem_data import ProblemData
+
+
+def changed_problem(problem: ProblemData, change: PossibleChange, estimate: Mapping[str, float]) -> ProblemData:
+    """The same problem with the parameters of a change off by ``estimate`` [rad, m or SI of the effect]."""
+    header = (f"Rechecked: {change.kind} of {change.target} is as new measurements have it, all else as it was.",)
+    if change.effect is None:
+        return problem.with_fit(FittedArm("", dict(estimate), header=header))
+    return problem.replace(effects=_with_effect(problem, change.effect, estimate))
+
+
+def _with_effect(problem: ProblemData, effect: Effect, estimate: Mapping[str, float]) -> list[object]:
+    entries = list(problem.to_dict().get("effects") or [])
+    names = [known.name for known in problem.effects]
+    step = [estimate[name] for name in effect.parameter_names]
+    if effect.name not in names:
+        return [*entries, effect.with_estimate(step).to_dict()]
+    at = names.index(effect.name)
+    known = problem.effects[at]
+    assert isinstance(known, Effect)
+    total = known.with_estimate([a + b for a, b in zip(known.values, step, strict=True)])
+    entries[at] = {**entries[at], "estimate": total.to_dict()["estimate"]}
+    return entries
+
+
+# So many rows are left at least.
+LEAST_ROWS = 4
+# Of the rows: where more contradict the others, it is the arm.
+_MOST_SHARE = 0.2
+_TRIED = 8  # rows, those of the largest errors, each time
+_LEAST_ERROR = 4.0  # standard deviations of a reading: what fits as well is not gross
+# Sizes of a gross error in standard deviations of a reading, all alike probable: at 0.05 mm from 1 mm to 1 m.
+_SIZES = 20.0 * 4.0 ** np.arange(6)
+
+
+def without_gross_rows(rows: NewRows) -> tuple[Hypotheses, Codes]:
+    """What happened by the rows that do not contradict all others, and the places of these rows.
+
+    A row is gross where ``p(r of the others) N(r of it | 0, s²)`` times the prior of a gross row exceeds the evidence
+    of all rows, s on a grid; one at a time, the most contradicting first.
+    """
+    count = len(rows.residuals.data)
+    models, kept = Hypotheses.of(rows), np.arange(count)
+    for _ in range(min(int(_MOST_SHARE * count), count - LEAST_ROWS)):
+        if models.probabilities.unchanged > models.probabilities.several:
+            break
+        others = [kept[kept != row] for row in _suspects(models, kept)]
+        if not others:
+            break
+        found = [Hypotheses.of(rows.take(other)) for other in others]
+        gains = [m.log_evidence + _log_gross(rows, kept, other) for m, other in zip(found, others, strict=True)]
+        best = int(np.argmax(gains))
+        if gains[best] <= models.log_evidence:
+            break
+        models, kept = found[best], others[best]
+    return models, kept
+
+
+def _suspects(models: Hypotheses, kept: Codes) -> Codes:
+    best = int(np.argmax(models.log_singles))
+    own, estimate = models.own[best][0], models.estimates()[best]
+    left = own.r + own.A[:, own.columns(models.changes[best])] @ estimate.mean
+    size = np.linalg.norm(_by_row(own, left), axis=1)
+    order = np.argsort(-size, kind="stable")[:_TRIED]
+    return np.asarray(kept[order[size[order] > _LEAST_ERROR]])
+
+
+def _log_gross(rows: NewRows, kept: Codes, others: Codes) -> float:
+    (row,) = set(kept.tolist()) - set(others.tolist())
+    r = _by_row(rows, rows.r)[row]
+    logs = -0.5 * float(r @ r) / _SIZES**2 - len(r) * np.log(_SIZES * np.sqrt(2 * np.pi))
+    return log_sum(logs) - float(np.log(len(_SIZES))) + float(np.log(PRIOR["gross"] / len(kept)))
+
+
+def _by_row(rows: NewRows, values: Array) -> Array:
+    """Whitened values (m,) of the rows alone, (N, b)."""
+    count, block = rows.noise.shape[:2]
+    return values[: count * block].reshape(count, block)
+
 
 # Fewer cannot tell a frame from a joint: a shift and a turn of a frame alone have six coordinates.
 LEAST_POSTURES = 4

@@ -1,8 +1,4 @@
-"""Unchanged, one change, two, or nothing of this sort: how probable new rows make each, and how large a change.
-
-Each model is Gaussian and linear; sizes and the noise level have grids, over which its evidence is a sum. The prior
-is sparse: one change is likelier than two.
-"""
+"""Unchanged, one change, two, or nothing of this sort: how probable new rows make each, and how large a change."""
 
 from __future__ import annotations
 
@@ -13,19 +9,61 @@ from functools import cached_property
 
 import numpy as np
 
-from posture_opt.changes.forms import SIZES_M, Form
-from posture_opt.changes.gaussian_evidence import (
+from posture_opt.changes.new_rows import (
     NOISE_LEVELS,
     NOISE_SPREAD,
     Estimate,
     GaussianRows,
+    NewRows,
     SizedChange,
     log_gains,
     log_sum,
 )
-from posture_opt.changes.new_rows import NewRows
-from posture_opt.experiments.possible_changes import PossibleChange
-from posture_opt.numerics import Array, Codes
+from posture_opt.experiments.possible_changes import PossibleChange, change_name
+from posture_opt.numerics import Array, Codes, Json, finite_or_none
+
+# Sizes of a change: 0.06 to 64 mm of motion of the tool, of a joint the same in mrad.
+SIZES_M = np.asarray(1e-3 * 2.0 ** np.arange(-4, 7), dtype=float)
+_MIN_MOTION_SHARE = 1e-9  # of the largest mean square motion of a change: less is none
+
+
+@dataclass(frozen=True, eq=False)
+class Form:
+    """A change by some parameters of it, ``θ = W t``, in units of 1 m of root mean square motion of the tool.
+
+    Args:
+        columns: (p,) places of its parameters among those of the rows.
+        W: (p, q); rows of zeros for those that do not deviate.
+        lever: motion of the tool [m] per m or rad of the size, by which sizes are stated: of a turning joint its root
+            mean square lever, else 1.
+    """
+
+    change: PossibleChange
+    columns: Codes
+    W: Array
+    lever: float
+
+    @property
+    def sizes(self) -> Array:
+        """(S,) root mean square motion of the tool by each size [m]."""
+        return SIZES_M * self.lever
+
+    @classmethod
+    def of(cls, rows: NewRows, change: PossibleChange) -> list[Form]:
+        """The forms of a change that move the tool at all."""
+        found: list[Form] = []
+        motion = rows.motion(change)
+        for deviating in change.forms:
+            values, vectors = np.linalg.eigh(motion[np.ix_(deviating, deviating)])
+            kept = values > _MIN_MOTION_SHARE * np.trace(motion)
+            if kept.sum() > (found[0].W.shape[1] if found else 0) or kept.all():
+                W = np.zeros((len(motion), int(kept.sum())))
+                W[list(deviating)] = vectors[:, kept] / np.sqrt(values[kept])
+                angle = len(change.parameters) == 1 and change.parameters[0].unit == "rad"
+                lever = math.sqrt(float(motion[0, 0])) if angle else 1.0
+                found.append(cls(change, np.array(rows.columns(change)), W, lever))
+        return found
+
 
 # Before the new rows: an arm is checked after an incident, and is most often found as it was.
 PRIOR = {"unchanged": 0.6, "one": 0.3, "two": 0.07, "unexplained": 0.03, "gross": 0.03}
@@ -285,3 +323,73 @@ def _pair_gains(H: Array, h: Array, first: Form, second: Form) -> tuple[Array, A
     u = d * h
     fit = np.sum(u * np.linalg.solve(M, u[:, :, None])[:, :, 0], axis=1)
     return d, 0.5 * (fit - np.linalg.slogdet(M)[1]) + np.add.outer(share, share).ravel()
+
+
+# Probability of being detected from which on a change counts as visible.
+POWER = 0.9
+# The motion of the tool whose probability of being detected is reported [m].
+REFERENCE_M = 0.1e-3
+# Motions between which the visible one is searched, by halving their ratio so often:
+_LEAST_M, _MOST_M = 1e-5, 0.05
+_HALVINGS = 9
+_DRAWS = 400
+
+
+@dataclass(frozen=True)
+class Visibility:
+    """What can be seen of one possible change, in the direction in which least is seen.
+
+    Args:
+        shift: the motion of the tool [m] that is detected with a probability of 90 %; infinite where none is.
+        size, unit: the same as a deviation of the parameter [SI]; NaN for frames, where it is the shift.
+    """
+
+    kind: str
+    target: str
+    power: float
+    shift: float
+    size: float
+    unit: str
+
+    @property
+    def name(self) -> str:
+        """The name of the change."""
+        return change_name(self.kind, self.target)
+
+    @property
+    def seen(self) -> bool:
+        """Whether there is a size from which on the change is detected: a turn of half a revolution is none."""
+        return not (self.unit == "rad" and math.pi < self.size < math.inf)
+
+    def to_json(self) -> dict[str, Json]:
+        """The entry of the document."""
+        return {
+            "kind": self.kind, "target": self.target, "power": self.power, "shift": finite_or_none(self.shift),
+            "size": finite_or_none(self.size), "unit": self.unit,
+        }  # fmt: skip
+
+
+def visibilities(models: Hypotheses) -> tuple[Visibility, ...]:
+    """Of every change, by the same random draws."""
+    draws = np.random.default_rng(0).standard_normal((_DRAWS, 6))
+    return tuple(_visibility(models, index, draws) for index in range(len(models.changes)))
+
+
+def _visibility(models: Hypotheses, index: int, draws: Array) -> Visibility:
+    change, form = models.changes[index], models.forms[index][0]
+    shift = _visible_motion(models, index, draws)
+    single = len(change.parameters) == 1
+    size = shift * abs(float(form.W[0, 0])) if single else math.nan
+    unit = change.parameters[0].unit if single else "m"
+    return Visibility(change.kind, change.target, models.power(index, REFERENCE_M, draws), shift, size, unit)
+
+
+def _visible_motion(models: Hypotheses, index: int, draws: Array) -> float:
+    """The motion [m] that is detected with the probability `POWER`; infinite where the largest is not."""
+    if models.power(index, _MOST_M, draws) < POWER:
+        return math.inf
+    low, high = _LEAST_M, _MOST_M
+    for _ in range(_HALVINGS):
+        middle = math.sqrt(low * high)
+        low, high = (low, middle) if models.power(index, middle, draws) >= POWER else (middle, high)
+    return math.sqrt(low * high)

@@ -11,9 +11,8 @@ from typing import Literal
 import numpy as np
 
 from posture_opt.calibration.assumptions.geometric_deviation import GeometricDeviation
-from posture_opt.changes.gaussian_evidence import Estimate
-from posture_opt.changes.hypotheses import Probabilities
-from posture_opt.changes.visibility import POWER, REFERENCE_M, Visibility
+from posture_opt.changes.hypotheses import POWER, REFERENCE_M, Probabilities, Visibility
+from posture_opt.changes.new_rows import Estimate
 from posture_opt.errors import enumerated
 from posture_opt.experiments.measurement_plan import MeasurementPlan, tour_statements
 from posture_opt.experiments.possible_changes import PossibleChange, change_name

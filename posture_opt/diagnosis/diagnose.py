@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from posture_opt.calibration.calibrate import calibrate
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.cross_validation import HeldOut, held_out
@@ -19,17 +21,17 @@ from posture_opt.calibration.large_file import LargeFile
 from posture_opt.calibration.other_preset import free_directions
 from posture_opt.diagnosis.causes.causes import (
     Finding,
+    FittedEffects,
     contradiction_findings,
     effect_findings,
     geometry_finding,
     noise_finding,
+    with_plausibility,
 )
-from posture_opt.diagnosis.causes.delivered_effects import Delivery, deliver_arm, nearer_to, outlasts_session
+from posture_opt.diagnosis.causes.delivered_arm import Delivery, deliver_arm, nearer_to, outlasts_session
 from posture_opt.diagnosis.causes.geometry_causes import Estimated, geometry_causes
-from posture_opt.diagnosis.causes.plausible_causes import FittedEffects, with_plausibility
 from posture_opt.diagnosis.causes.sessions import SecondSession, second_session
 from posture_opt.diagnosis.diagnosis import Diagnosis, Outcome
-from posture_opt.diagnosis.exact_rows import met_exactly, with_scatter
 from posture_opt.diagnosis.explained import Explained, explain_calibration, groups_and_folds
 from posture_opt.diagnosis.noise.noise_causes import noise_shape
 from posture_opt.diagnosis.scores import levels
@@ -38,7 +40,7 @@ from posture_opt.limits import MOST_SEARCHED
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.thinning import Thinning, thin
 from posture_opt.model.effects import Effect
-from posture_opt.numerics import Codes, Progress
+from posture_opt.numerics import Array, Codes, Progress, rms
 from posture_opt.selection.problem_data import ProblemData
 
 
@@ -249,3 +251,33 @@ def _of_data(model: Fit, calibration: Calibration) -> Fit:
     directions = calibration.identifiability.directions
     residuals = model.residuals.with_parameters(calibration.parameters)
     return fit_with_effects(residuals, calibration.x, directions, model.effects)
+
+
+# Standard deviation of what is added to each number [m, rad]: a thousandth of what laser trackers resolve.
+SCATTER = 1e-9
+
+
+def met_exactly(model: Fit) -> bool:
+    """Whether a model leaves less of measured positions than `SCATTER`."""
+    residuals = model.residuals
+    return residuals.data.position is not None and rms(model.whitened) * float(np.max(residuals.sigma)) < SCATTER
+
+
+def with_scatter(data: Measurements) -> Measurements:
+    """The rows with `SCATTER` added to positions and orientations, the same in every call; the data say so."""
+    assert data.position is not None
+    rng = np.random.default_rng(1)
+    position = data.position + rng.normal(0.0, SCATTER, data.position.shape)
+    rotation = data.rotation
+    if rotation is not None:
+        rotation = _turned(rotation, rng.normal(0.0, SCATTER, (len(data), 3)))
+    note = "The rows are met to the last digit, as simulated ones are: each number got a scatter of 1 nm, or 1 nrad."
+    return replace(data, position=position, rotation=rotation, notes=(*data.notes, note))
+
+
+def _turned(quaternions: Array, vectors: Array) -> Array:
+    """Unit quaternions (N, 4) turned by small rotation vectors (N, 3) [rad]."""
+    w, v = quaternions[:, :1], quaternions[:, 1:]
+    small = vectors / 2
+    turned = np.hstack([w - np.sum(small * v, axis=1, keepdims=True), v + w * small + np.cross(small, v)])
+    return np.asarray(turned / np.linalg.norm(turned, axis=1, keepdims=True))

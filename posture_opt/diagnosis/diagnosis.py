@@ -20,24 +20,20 @@ from posture_opt.calibration.large_file import LargeFile
 from posture_opt.calibration.scatter_change import ScatterChange, scatter_change
 from posture_opt.calibration.start_up import StartUp, start_up
 from posture_opt.calibration.weights import Reading
-from posture_opt.diagnosis.cause_actions import CauseAction, cause_actions
-from posture_opt.diagnosis.cause_statements import geometric
+from posture_opt.diagnosis.cause_statements import CauseAction, cause_actions, geometric
 from posture_opt.diagnosis.causes.causes import (
     Finding,
     tool_shifts,
     unknowable_causes,
 )
-from posture_opt.diagnosis.causes.delivered_effects import Delivery
-from posture_opt.diagnosis.causes.extended_arm import extended_arm
+from posture_opt.diagnosis.causes.delivered_arm import Delivery, extended_arm
+from posture_opt.diagnosis.causes.geometry_causes import Correction, determined_corrections, largest_correction
 from posture_opt.diagnosis.causes.sessions import Gain, SecondSession
 from posture_opt.diagnosis.diagnosis_statements import statements_of
-from posture_opt.diagnosis.discrimination.discrimination_plan import DiscriminationPlan, plan_discrimination
-from posture_opt.diagnosis.geometry_corrections import Correction, determined_corrections, largest_correction
+from posture_opt.diagnosis.discrimination_plan import DiscriminationPlan, plan_discrimination
 from posture_opt.diagnosis.measured_goals import MeasuredGoals, measured_goals
-from posture_opt.diagnosis.noise.noise_causes import known_sides, sided_joints
-from posture_opt.diagnosis.noise.repeat_plan import RepeatPlan, plan_repeats
-from posture_opt.diagnosis.noise.uneven_noise import UnevenErrors
-from posture_opt.diagnosis.noise_floor import NoiseFloor
+from posture_opt.diagnosis.noise.noise_causes import NoiseFloor, known_sides, sided_joints
+from posture_opt.diagnosis.noise.uneven_noise import RepeatPlan, UnevenErrors, plan_repeats
 from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.scores.candidates import Candidate
 from posture_opt.diagnosis.scores.lack_of_fit import Adequacy
@@ -123,7 +119,8 @@ class Diagnosis(Result):
     @cached_property
     def fitted_arm(self) -> FittedArm:
         """The arm that is delivered, as a problem takes it over."""
-        return extended_arm(self.problem, self.calibration, self.model, self.delivery, self.effects, self.errors)
+        noises = [f.noise for f in self.effects if f.noise is not None]
+        return extended_arm(self.problem, self.calibration, self.model, self.delivery, noises, self.errors)
 
     @cached_property
     def delivered(self) -> tuple[float, int]:

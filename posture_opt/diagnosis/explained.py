@@ -19,18 +19,16 @@ from posture_opt.calibration.weights import (
     better_gravity,
     refuted_masses,
 )
-from posture_opt.diagnosis.causes.mass_errors import with_mass_errors
-from posture_opt.diagnosis.causes.predictive_effects import PredictiveModel
-from posture_opt.diagnosis.causes.selected_sizes import choice_deviations, with_choice_errors
+from posture_opt.diagnosis.causes.delivered_arm import PredictiveModel
+from posture_opt.diagnosis.causes.determined_sizes import choice_deviations, with_choice_errors, with_mass_errors
 from posture_opt.diagnosis.noise.noise_causes import joint_scatter, noise_causes, sided_joints
 from posture_opt.diagnosis.noise.uneven_noise import NoiseCause, UnevenErrors
 from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.scores.lack_of_fit import Adequacy, HeldResiduals, assess_adequacy, lack_of_fit, left_of
-from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent
+from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent, tool_points
 from posture_opt.diagnosis.search.linearised_data import (
     LinearisedData,
     linearise_calibration,
-    tool_points,
 )
 from posture_opt.diagnosis.search.nested_selection import Folding, NestedSelection
 from posture_opt.diagnosis.search.outlier_reinclusion import (
@@ -39,8 +37,8 @@ from posture_opt.diagnosis.search.outlier_reinclusion import (
     without_clear_outliers,
     without_hidden_outliers,
 )
+from posture_opt.diagnosis.search.rivals import unrefuted_rivals
 from posture_opt.diagnosis.search.search import SearchResult, keep_named, remaining_unnamed, search_effects
-from posture_opt.diagnosis.search.unrefuted_rivals import unrefuted_rivals
 from posture_opt.measurements.repeats import repeats_of_one_kind
 from posture_opt.model.effects import Effect
 from posture_opt.model.effects.base.gravity_load import GravityLoaded
@@ -136,7 +134,9 @@ def _explain_residuals(
     everything = linearised.baseline(found.chosen)
     repeated = repeats_of_one_kind(residuals.data, prismatic_joints(residuals), sided_joints(model))
     held = _held_by_prior(calibration, linearised, found)
-    left = assess_adequacy(everything, residuals.data, repeated, tool_points(linearised), residuals.block, held)
+    left = assess_adequacy(
+        everything, residuals.data, repeated, tool_points(linearised.sensitivities), residuals.block, held
+    )
     p_value = 0.0 if unnamed else left.p_value
     noise, uneven = noise_causes(calibration.request.problem, calibration, model, everything, p_value, seed)
     scatter = joint_scatter(model, noise)
@@ -145,7 +145,10 @@ def _explain_residuals(
         again = lack_of_fit(held, residuals.data, repeated, residuals.block, scatter)
         left = replace(left, lack_of_fit=again)
     open_ = unnamed or uneven or left.p_value < levels.LACK_OF_FIT_LEVEL
-    unrefuted = unrefuted_rivals(linearised, names) if open_ else {}
+    unrefuted: Mapping[int, tuple[Effect, ...]] = {}
+    if open_:
+        blocks = names.nested.each[-1].groups
+        unrefuted = unrefuted_rivals(linearised, names.chosen, names.rivals, names.scored, blocks)
     return Explained(
         calibration, linearised, found, geometry, predictive, deviations, unnamed, left, noise, uneven, unrefuted
     )

@@ -1,10 +1,11 @@
-"""Findings: each cause that a diagnosis names, with its size and gain; and causes that the data cannot show."""
+"""Findings: each cause that a diagnosis names, with its size, gain and plausibility."""
 
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -13,9 +14,15 @@ from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.estimation.effect_sensitivities import case_of
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.residuals import Residuals
-from posture_opt.diagnosis.causes.determined_sizes import is_determined, places_of_parts, stated_parts
+from posture_opt.diagnosis.causes.delivered_arm import PredictiveModel
+from posture_opt.diagnosis.causes.determined_sizes import (
+    is_determined,
+    places_of_parts,
+    stated_parts,
+    turn_about_mean,
+    turns_of,
+)
 from posture_opt.diagnosis.causes.geometry_causes import GeometryCause
-from posture_opt.diagnosis.causes.predictive_effects import PredictiveModel
 from posture_opt.diagnosis.causes.sessions import Gain
 from posture_opt.diagnosis.noise.uneven_noise import NoiseCause
 from posture_opt.diagnosis.search.search import SearchResult
@@ -31,7 +38,9 @@ from posture_opt.model.effects import (
     Limit,
     NoiseEffect,
 )
+from posture_opt.model.effects.base.gravity_load import GravityLoaded
 from posture_opt.model.effects.base.lost_motion import LostMotion
+from posture_opt.model.effects.base.multiples import resolution
 from posture_opt.model.effects.base.plausible_range import PlausibleRange
 from posture_opt.model.effects.base.rotating_parts import RotatingPart
 from posture_opt.numerics import Array, Codes, Json
@@ -270,3 +279,79 @@ def missing_inputs(residuals: Residuals) -> dict[str, tuple[str, str, tuple[str,
         for lacking in sorted(kind.needs - have):
             missing.setdefault(lacking, []).append(kind.kind_name())
     return {key: (needed.words, needed.hint, tuple(missing[key])) for key, needed in INPUTS.items() if key in missing}
+
+
+# What it would take for a cause that comes once to have come several times.
+_MANY_IN_SESSION = "{count} of them in one session, where more than {most} is rare: rather something moves all the time"
+
+
+# What it would take for a part that moves against gravity under unknown loads to be compliant.
+_AGAINST_LOAD = "gravity compensation, in the controller or by springs, that does too much: it rises against its load"
+
+
+@dataclass(frozen=True)
+class FittedEffects:
+    """What a fit says of its effects, with the arm that they act on."""
+
+    model: Fit
+    robot: Robot
+
+    def sizes(self, finding: Finding) -> FittedSizes:
+        """What the fit says of a finding: estimate, covariance of its parameters, and the turn of its joint."""
+        model, place = self.model, finding.place
+        if place is None:
+            return FittedSizes(finding.estimate)
+        part = places_of_parts(model, place, finding.stated_parts)
+        own = [k - model.slices[place].start for k in part]
+        turned = turns_of(model, place)[:, :, own] @ model.x[part]
+        if len(turned) > 1:  # the parts of a tilt vary one by one
+            turned = np.linalg.norm(turned, axis=0)
+        turn = float(turned.min()), float(turned.max())
+        rms = turn_about_mean(model, place, finding.stated_parts)
+        return FittedSizes(finding.estimate, model.covariance[np.ix_(part, part)], turn, rms, *self._range(finding))
+
+    def _range(self, finding: Finding) -> tuple[float, float]:
+        """Range of the joint that a finding moves in the data [rad], and the resolution of frequencies there."""
+        data = self.model.residuals.data
+        if finding.cause.moved_joint not in data.joint_names:
+            return 0.0, 0.0
+        q = data.q[:, data.joint_names.index(finding.cause.moved_joint)]
+        return float(np.ptp(q)), resolution(q)
+
+
+def with_plausibility(findings: Sequence[Finding], fitted: FittedEffects) -> list[Finding]:
+    """The findings, those that are effects with their range, what they would need beyond it, and the parts that repeat."""
+    seen: Counter[str] = Counter()
+    found = []
+    for finding in findings:
+        effect = finding.effect
+        if effect is None:
+            found.append(finding)
+            continue
+        seen[effect.kind] += 1
+        robot = fitted.robot
+        found.append(
+            replace(
+                finding,
+                plausible_range=effect.plausible(robot),
+                would_need=_would_need(effect, finding, fitted, seen[effect.kind]),
+                parts=effect.rotating_parts(robot),
+                fitted=fitted.sizes(finding),
+            )
+        )
+    return found
+
+
+def _would_need(effect: Effect, finding: Finding, fitted: FittedEffects, rank: int) -> str:
+    most = effect.most_in_session
+    if most is not None and rank > most:
+        return _MANY_IN_SESSION.format(count=rank, most=most)
+    known = effect.plausible(fitted.robot)
+    if known is None or not finding.determined:
+        return ""
+    if isinstance(effect, GravityLoaded) and effect.unstated_loads:
+        assert finding.place is not None
+        if np.all(fitted.model.x[fitted.model.slices[finding.place]] < 0):
+            return _AGAINST_LOAD
+    value, std = effect.plausible_size(fitted.sizes(finding))
+    return "" if known.holds(value, std) else known.would_need(value)

@@ -1,16 +1,20 @@
-"""Whether data determine the size of a cause: all directions of its parameters together, not only the best one."""
+"""Whether data determine the size of a cause, and what adds to its standard error: the choice, and masses."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from posture_opt.calibration.cross_validation import refit_of_fold, residual_indices
 from posture_opt.calibration.estimation.effect_sensitivities import EffectSensitivities
 from posture_opt.calibration.estimation.fit import Fit
-from posture_opt.diagnosis.scores import levels
+from posture_opt.calibration.estimation.linear_model import LinearModel
+from posture_opt.diagnosis.search.nested_selection import NestedSelection
+from posture_opt.model.effects import Effect
 from posture_opt.model.effects.base.gravity_load import GravityLoaded
-from posture_opt.numerics import Array
+from posture_opt.numerics import Array, Codes
 
 
 def is_determined(values: Array, covariance: Array, columns: Array | None = None) -> bool:
@@ -45,7 +49,7 @@ def is_determined(values: Array, covariance: Array, columns: Array | None = None
     if not trace > 0:
         return True
     freedom = max(trace**2 / float(np.sum(M * M.T)), 1.0)
-    return float(z @ gram @ z) > trace / freedom * float(chdtri(freedom, levels.SIZE_LEVEL))
+    return float(z @ gram @ z) > trace / freedom * float(chdtri(freedom, 0.05))
 
 
 def determined_parts(model: Fit, place: int) -> tuple[int, ...]:
@@ -111,3 +115,120 @@ def determines(model: Fit, place: int) -> bool:
 def undetermined(model: Fit) -> list[int]:
     """The places of the effects of a fit whose sizes the data do not determine."""
     return [place for place in range(len(model.effects)) if not determines(model, place)]
+
+
+_MIN_FOLDS = 2  # one alone differs from nothing
+_RANK_TOLERANCE = 1e-10  # of unit columns: a shape that does what sine and cosine do is not told from them
+
+
+def choice_deviations(model: Fit, calibrated: Fit, nested: NestedSelection, size: int) -> Array:
+    """By how much the parameters of a model are others beside the effects that each fold chose by itself."""
+    sizes = np.setdiff1d(np.arange(model.directions.shape[1]), model.geometry)
+    own = LinearModel.with_columns(model, model.residuals_and_jacobian[1] @ model.directions[:, sizes])
+    steps = model.directions[:, np.concatenate([model.geometry, sizes])]
+    counts = (size, nested.best) if nested.best > size else (size,)
+    found = np.zeros((len(counts), len(nested.folds), len(model.x)))
+    for i, count in enumerate(counts):
+        for k, fold in enumerate(nested.fitted_sets(calibrated, count, model.effects)):
+            here = model.x + steps @ _refitted(own, fold[0], model)
+            found[i, k] = _fold_estimate(model, calibrated, *fold) - here
+    return found
+
+
+def with_choice_errors(fit: Fit, deviations: Array) -> Fit:
+    """The same estimate, its neighbours unknown as its parameters are: ``C + (t / 1.96)² Σ δ_k δ_kᵀ / (K − 1)``.
+
+    Sources: Buckland, Burnham, Augustin (1997), equation 4, the choices of the folds for the models; JCGM 100:2008,
+    annex G.3, for t.
+
+    Args:
+        deviations: δ (S, K, k) of the parameters, from `choice_deviations`.
+    """
+    from scipy.special import stdtrit
+
+    sizes, folds, _ = deviations.shape
+    if folds < _MIN_FOLDS or not np.any(deviations):
+        return fit
+    freedom = folds - 1
+    steps = deviations.reshape(sizes * folds, -1) @ np.linalg.pinv(fit.directions).T
+    few = float(stdtrit(freedom, 0.975)) / 1.96
+    return replace(fit, C=fit.C + few**2 * steps.T @ steps / (sizes * freedom))
+
+
+def _refitted(linear: LinearModel, left_out: Codes, fit: Fit) -> Array:
+    """The step (c,) of a linear model without the rows of a fold."""
+    theirs = residual_indices(left_out, fit.residuals.block)
+    return refit_of_fold(linear, linear.r, np.arange(linear.K.shape[1]), theirs)[0]
+
+
+def _fold_estimate(
+    model: Fit, calibrated: Fit, left_out: Codes, linear: LinearModel, effects: Sequence[Effect],
+    columns: Sequence[Array],
+) -> Array:  # fmt: skip
+    """The parameters (k,) of the model as one fold has them; further arguments from `NestedSelection.fitted_sets`."""
+    step = _refitted(linear, left_out, calibrated)
+    x = model.x.copy()
+    x[: len(calibrated.x)] = calibrated.x + linear.basis @ step
+    moved: dict[tuple[str, str], Array] = {}
+    first = len(step) - sum(B.shape[1] for B in columns)
+    for effect, B in zip(effects, columns, strict=True):
+        norms = np.linalg.norm(B, axis=0)
+        one = B @ (step[first : first + B.shape[1]] / np.where(norms > 0, norms, 1.0))
+        moved[effect.kind, effect.target] = moved.get((effect.kind, effect.target), 0.0) + one
+        first += B.shape[1]
+    for i, effect in enumerate(model.effects):
+        _set_parameters(model, i, moved[effect.kind, effect.target], x)
+    return x
+
+
+def _set_parameters(model: Fit, place: int, moved: Array, x: Array) -> None:
+    """Writes into x (k,) the size and shape of an effect that moves the residuals most like ``moved`` (m,)."""
+    part, shape = model.slices[place], model.shapes.get(place)
+    own = [*range(part.start, part.stop), *([] if shape is None else [shape])]
+    J = model.jacobian[:, own]
+    norms = np.linalg.norm(J, axis=0)
+    scale = np.where(norms > 0, norms, 1.0)
+    found = np.linalg.lstsq(J / scale, moved[: len(J)], rcond=_RANK_TOLERANCE)[0] / scale
+    sizes = part.stop - part.start
+    x[part] = found[:sizes]
+    if shape is not None:
+        x[shape] = model.x[shape] + found[sizes]
+
+
+# Relative σ of each mass that a file states: cables, covers and grease are in no table of the maker; a choice.
+_RELATIVE_SIGMA = 0.05
+# Relative step of a mass for the difference of columns, which are linear in it but for the lost motion of a load.
+_STEP = 0.1
+
+
+def with_mass_errors(fit: Fit) -> Fit:
+    """The same estimate with what the errors of stated masses do to it: ``C + Σ_k s_k s_kᵀ``.
+
+    ``s_k = −σ A⁺ ∂(Z θ)/∂ln m_k`` with A all columns of the fit and Z those of the effects that rest on masses, of size
+    θ: parameters that are not estimated, but considered. Where payloads differ, these determine the sizes, and s_k is
+    small.
+
+    Source: Tapley, Schutz, Born (2004), Statistical Orbit Determination, section 6.2.
+    """
+    loaded = [i for i, effect in enumerate(fit.effects) if "masses" in effect.asks]
+    if not loaded:
+        return fit
+    A, inverse = fit.jacobian @ fit.directions, np.linalg.pinv(fit.minimum.R, rcond=1e-14)
+    robot, now = fit.residuals.robot, _shift(fit, fit, loaded)
+    steps = []
+    for k, joint in enumerate(robot.joints):
+        if not joint.mass > 0:
+            continue
+        joints = (*robot.joints[:k], replace(joint, mass=(1 + _STEP) * joint.mass), *robot.joints[k + 1 :])
+        heavier = fit.residuals.of_robot(replace(robot, joints=joints), fit.residuals.parameters)
+        change = (_shift(fit, replace(fit, residuals=heavier), loaded) - now) * _RELATIVE_SIGMA / _STEP
+        steps.append(-inverse @ (inverse.T @ (A.T @ change)))
+    S = np.array(steps).reshape(len(steps), A.shape[1])
+    return replace(fit, C=fit.C + S.T @ S)
+
+
+def _shift(fit: Fit, loads: Fit, effects: list[int]) -> Array:
+    """(m,) what effects of a fit do to its residuals under the masses of another."""
+    sensitivities = EffectSensitivities(loads.residuals, loads.x)
+    moved = [sensitivities.columns(fit.effects[i]) @ fit.x[fit.slices[i]] for i in effects]
+    return np.asarray(np.sum(moved, axis=0)[: fit.residuals.measured])

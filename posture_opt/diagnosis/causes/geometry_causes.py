@@ -8,10 +8,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from posture_opt.calibration.assumptions.geometric_deviation import GeometricDeviation
+from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.cross_validation import Folds
 from posture_opt.calibration.estimation.effects_fit import fit_with_effects
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.linear_model import LinearModel
+from posture_opt.calibration.estimation.parameters import Parameter
 from posture_opt.calibration.estimation.prior import Prior, known_rows
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.calibration.leave_out import leave_out
@@ -147,7 +149,7 @@ def _f_test(small: Fit, large: Fit) -> float:
 
 def _needed_parameters(fits: _FewParameters, full: Fit) -> list[int] | None:
     chosen: list[int] = []
-    while len(chosen) < levels.MAX_NAMED_PARAMETERS:
+    while len(chosen) < 3:
         gains = _gains_alone(fits.with_only(chosen), [i for i in fits.others if i not in chosen])
         if not gains:
             return None
@@ -188,7 +190,7 @@ def _gains_alone(model: Fit, candidates: Sequence[int]) -> dict[int, float]:
         rest = column - Q @ (Q.T @ column)
         # A tilt of a planar arm out of its plane acts in the plane to second order only: no cause to first order.
         if np.linalg.norm(rest) > max(
-            _DEPENDENCE_TOLERANCE * lengths[i], levels.MIN_PARAMETER_SHARE * most[residuals.parameters[i].unit], 1e-300
+            _DEPENDENCE_TOLERANCE * lengths[i], 1e-3 * most[residuals.parameters[i].unit], 1e-300
         ):
             gains[i] = float((rest @ r) ** 2 / (rest @ rest))
     return gains
@@ -214,3 +216,60 @@ def _single_cause(model: Fit, without: Fit, i: int, others: Sequence[int], gain:
     estimate = {parameters[i].name.rpartition(".")[2]: (float(model.x[i]), float(model.std[i]), parameters[i].unit)}
     alike = tuple(dict.fromkeys(r for r in rivals if r != own))
     return GeometryCause(own, estimate, _f_test(without, model), gain, alike)
+
+
+# Standard errors that a certain difference has, at 95 %.
+CERTAIN = 1.96
+_MANUFACTURING_TOLERANCES = {"rad": 5e-3, "m": 5e-3}  # rad, m, of new arms; a choice of taste
+_MAX_OPEN_RATIO = 10.0  # times the standard error among what the data determine: the rest is open
+_MAX_HELD_RATIO = 3.0  # times its standard error is that by the rows alone, of what no tolerance holds
+
+
+@dataclass(frozen=True)
+class Correction:
+    """One geometric parameter of the fitted arm.
+
+    Args:
+        parameter: of the arm; ``value`` what it differs from the file by [rad or m], ``std`` its standard error.
+    """
+
+    parameter: Parameter
+    value: float
+    std: float
+
+    @property
+    def certain(self) -> bool:
+        """Whether it differs from zero by 1.96 standard errors."""
+        return abs(self.value) > CERTAIN * self.std
+
+    @property
+    def excess(self) -> float:
+        """Times the tolerance of new arms that it is off at the least, within its error."""
+        return (abs(self.value) - CERTAIN * self.std) / _MANUFACTURING_TOLERANCES[self.parameter.unit]
+
+    @property
+    def deviation(self) -> GeometricDeviation:
+        """The cause that it is."""
+        return GeometricDeviation.of(self.parameter)
+
+    @property
+    def is_zero(self) -> bool:
+        """Whether it is the zero of a joint, which is set and no part."""
+        return self.parameter.name.endswith(".theta")
+
+
+def determined_corrections(calibration: Calibration, model: Fit) -> tuple[Correction, ...]:
+    """The geometric parameters of the arm with its effects that the data determine."""
+    rows = zip(calibration.parameters, model.x, model.std, calibration.std, model.held_by_prior, strict=False)
+    return tuple(
+        Correction(p, float(x), float(std))
+        for p, x, std, whole, held in rows
+        if p.group == "geometry"
+        and 0 < whole < _MAX_OPEN_RATIO * std  # what the data leave open has a small part in what they determine
+        and held < _MAX_HELD_RATIO
+    )
+
+
+def largest_correction(corrections: tuple[Correction, ...]) -> Correction | None:
+    """The certain correction that is hardest to build; None where none is certain."""
+    return max((c for c in corrections if c.certain), key=lambda c: c.excess, default=None)

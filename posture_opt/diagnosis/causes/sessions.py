@@ -11,7 +11,7 @@ from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.estimation.error_statistics import Statistics, resampled_groups
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.second_file import OtherFile, errors_on, predict_other_file
-from posture_opt.diagnosis.causes.delivered_effects import Delivery
+from posture_opt.diagnosis.causes.delivered_arm import Delivery
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.arm_state import REFERENCE_TEMPERATURE
 from posture_opt.model.effects import Effect

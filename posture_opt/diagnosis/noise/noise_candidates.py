@@ -15,11 +15,6 @@ from posture_opt.model.effects import NOISES, NoiseEffect, Pattern, Rows, Stated
 from posture_opt.numerics import Array, Mask
 from posture_opt.validation.scatter_model import null_sets
 
-_MIN_FREE_SHARE = 0.02  # share of a residual that a fit leaves free at the least: beyond, it says nothing of the noise
-_STUDENT_FREEDOM = np.geomspace(1.5, 60, 40)  # from tails without a variance to all but Gaussian ones
-_STUDENT_EM_ROUNDS = 30  # of EM (Lange, Little, Taylor 1989): more digits than a choice by BIC needs
-_FIRST_SHARE, _EM_ROUNDS, _EM_TOLERANCE = 0.02, 200, 1e-8  # EM: where it starts, and where it ends for certain
-_MAX_NULL_NUMBERS = 4_000_000  # of null sets at a time: 32 MB
 GROSS_ERRORS = "gross errors"  # a law of residuals: Gaussian with a few gross errors
 
 
@@ -65,12 +60,16 @@ def standardised_residuals(e: Array, leverage: Array) -> Array:
     """
     d = e.shape[1]
     values, vectors = np.linalg.eigh(np.eye(d) * (1 + 1e-9) - leverage)
-    root = np.einsum("nij,nj,nkj->nik", vectors, 1 / np.sqrt(np.maximum(values, _MIN_FREE_SHARE)), vectors)
+    # With less than 2 % left free by a fit, a residual says nothing of the noise.
+    root = np.einsum("nij,nj,nkj->nik", vectors, 1 / np.sqrt(np.maximum(values, 0.02)), vectors)
     return np.asarray(np.einsum("nij,nj->ni", root, e))
 
 
-def score_uneven_noise(e: Array, rows: Rows, seed: int) -> list[NoiseCandidate]:
+def score_uneven_noise(e: Array, rows: Rows, seed: int, draws: int = 399) -> list[NoiseCandidate]:
     """Heteroscedastic noise: every joint, and the range, as the cause of noise that is not the same everywhere.
+
+    The null distribution, of ``draws`` data sets, turns the residuals of every repeat at random and permutes the
+    repeats, so that heavy tails alone raise no alarm.
 
     Args:
         e: (N, d) standardised residuals.
@@ -78,7 +77,7 @@ def score_uneven_noise(e: Array, rows: Rows, seed: int) -> list[NoiseCandidate]:
     patterns = [pattern for kind in NOISES for pattern in kind.patterns(rows)]
     if not patterns:
         return []
-    found = _noise_fits(e, rows, patterns, seed)
+    found = _noise_fits(e, rows, patterns, seed, draws)
     most = np.stack([fit.drawn for fit in found]).max(axis=0)
     candidates = [fit.candidate(pattern, most) for fit, pattern in zip(found, patterns, strict=True)]
     return sorted(candidates, key=lambda s: -s.ratio)
@@ -95,14 +94,14 @@ class RepeatedNoise:
     @property
     def refuted(self) -> bool:
         """Whether the repeats scatter by another size."""
-        return self.loss > levels.REFUTED_SIZE_LOSS
+        return self.loss > 6.63  # the 99 % quantile of χ² (Wilks 1938)
 
     @property
     def confirmed(self) -> bool:
         """Whether they scatter, and by that size."""
         if self.refuted:
             return False
-        likelier = not self.candidate.of_arm and self.without - self.loss > levels.LIKELIER_NOISE
+        likelier = not self.candidate.of_arm and self.without - self.loss > 2.71  # 95 % of one side (Wilks 1938)
         return likelier or self.candidate.p_value < levels.REPEATED_NOISE_LEVEL
 
 
@@ -165,11 +164,11 @@ class _Fit:
         return float(self.curve.max() - np.interp(strength, own, self.curve))
 
 
-def _noise_fits(e: Array, rows: Rows, patterns: Sequence[Pattern], seed: int) -> list[_Fit]:
-    """Noise of each pattern in residuals (N, d) and in `levels.NOISE_DRAWS` sets as chance could have them."""
-    rng, left, found = np.random.default_rng(seed), levels.NOISE_DRAWS, list[list[_Fit]]()
+def _noise_fits(e: Array, rows: Rows, patterns: Sequence[Pattern], seed: int, draws: int = 399) -> list[_Fit]:
+    """Noise of each pattern in residuals (N, d) and in sets as chance could have them, some of 32 MB at a time."""
+    rng, left, found = np.random.default_rng(seed), draws, list[list[_Fit]]()
     while left > 0:
-        count = min(left, max(_MAX_NULL_NUMBERS // e.size, 1))
+        count = min(left, max(4_000_000 // e.size, 1))
         sets = np.concatenate([e[None], null_sets(e, rows.visits, count, rng)])
         total = np.einsum("fnd,fnd->fn", sets, sets)
         found.append([_Fit.of(sets, total, pattern) for pattern in patterns])
@@ -256,7 +255,7 @@ def fit_tails(e: Array) -> Tails:
         "heavy": -2 * student + 2 * np.log(N),
         GROSS_ERRORS: -2 * mixture + 3 * np.log(N),
     }
-    if not 0 < rows.sum() <= max(1.0, levels.MAX_OUTLIER_SHARE * N):
+    if not 0 < rows.sum() <= max(1.0, 0.1 * N):
         values[GROSS_ERRORS] = np.inf
     order = sorted(values, key=lambda name: values[name])
     return Tails(order[0], freedom, share, rows, float(values[order[1]] - values[order[0]]))
@@ -273,9 +272,9 @@ def _student_fit(squares: Array, d: int) -> tuple[float, float]:
     from scipy.special import gammaln
 
     best, freedom = -np.inf, np.inf
-    for nu in _STUDENT_FREEDOM:
+    for nu in np.geomspace(1.5, 60, 40):  # from tails without a variance to all but Gaussian ones
         s2 = squares.mean() / d
-        for _ in range(_STUDENT_EM_ROUNDS):
+        for _ in range(30):  # of EM (Lange, Little, Taylor 1989): more digits than a choice by BIC needs
             weights = (nu + d) / (nu + squares / s2)
             s2 = float(np.mean(weights * squares) / d)
         value = len(squares) * (gammaln((nu + d) / 2) - gammaln(nu / 2) - d / 2 * np.log(np.pi * nu * s2))
@@ -288,17 +287,17 @@ def _student_fit(squares: Array, d: int) -> tuple[float, float]:
 def _mixture_fit(squares: Array, d: int) -> tuple[float, float, Mask]:
     """EM for ``(1 − w) N(0, s²) + w N(0, (f s)²)``, f at least 4 (Dempster, Laird, Rubin 1977)."""
     s2 = float(np.median(squares)) / d
-    share, wide = _FIRST_SHARE, max(float(squares.max()) / d, (levels.MIN_OUTLIER_RATIO + 1) ** 2 * s2)
+    share, wide = 0.02, max(float(squares.max()) / d, 25 * s2)
     value = -np.inf
-    for _ in range(_EM_ROUNDS):
+    for _ in range(200):
         good = np.log1p(-share) - d / 2 * np.log(2 * np.pi * s2) - squares / (2 * s2)
         bad = np.log(share) - d / 2 * np.log(2 * np.pi * wide) - squares / (2 * wide)
         total = np.logaddexp(good, bad)
         weight = np.exp(bad - total)
         former, value = value, float(total.sum())
-        if abs(value - former) < _EM_TOLERANCE * abs(value):
+        if abs(value - former) < 1e-8 * abs(value):
             break
         share = float(np.clip(weight.mean(), 1e-6, 0.5))
         s2 = float(np.sum((1 - weight) * squares) / (d * np.sum(1 - weight)))
-        wide = max(float(np.sum(weight * squares) / max(d * weight.sum(), 1e-9)), levels.MIN_OUTLIER_RATIO**2 * s2)
+        wide = max(float(np.sum(weight * squares) / max(d * weight.sum(), 1e-9)), 16 * s2)
     return value, share, np.asarray(weight > 0.5)

@@ -1,4 +1,4 @@
-"""The kinds of noise that a diagnosis names, once every other cause is taken away."""
+"""The kinds of noise that a diagnosis names, once every other cause is taken away, and the noise floor."""
 
 from __future__ import annotations
 
@@ -21,25 +21,20 @@ from posture_opt.diagnosis.noise.noise_candidates import (
     score_uneven_noise,
     standardised_residuals,
 )
-from posture_opt.diagnosis.noise.uneven_noise import (
-    NoiseCause,
-    NoiseSample,
-    UnevenErrors,
-    find_uneven_noise,
-    spread_by,
-)
+from posture_opt.diagnosis.noise.uneven_noise import NoiseCause, NoiseSample, UnevenErrors, find_uneven_noise, spread_by
 from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.scores.score_tests import ProjectedBaseline
 from posture_opt.measurements.kinds.mixed import Mixed
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.repeats import Contrasts, apart, repeat_of_row
 from posture_opt.model.effects import JointNoise, Outliers, Rows, StatedSigma
-from posture_opt.numerics import Array, Codes, Mask, rms
+from posture_opt.numerics import Array, Codes, Mask, rms, rms_length
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.validation.prediction import joint_errors, scatter_of_effects
 from posture_opt.validation.repeat_scatter import prismatic_joints
 from posture_opt.validation.scatter_model import whitened_repeats
 
+_TRUE_RATIO = 1.2  # a stated σ is true enough within this factor: less is not worth a word
 _NO_SCATTER = 1e-9  # of the stated σ: rows that are met exactly, and repeats that are copies, show no noise
 
 
@@ -114,7 +109,7 @@ def _wrong_instruments(problem: ProblemData, model: Fit) -> list[UnevenErrors]:
             continue
         kurtosis = max(float(np.mean(own**4) / np.mean(own**2) ** 2 - 3), 0.0)
         score = score_stated_sigma(variance, int(freedom), kurtosis)
-        if score.p_value < level and score.size > levels.STATED_SIGMA_RATIO:
+        if score.p_value < level and score.size > _TRUE_RATIO:
             effect = StatedSigma(quantity=kind.quantity_names[k], factor=score.size)
             found.append(UnevenErrors(effect, score.p_value, False, np.zeros(0)))
         agree = agree or score.p_value >= level
@@ -155,7 +150,7 @@ class _Quantity:
         # Of few residuals the kurtosis is often far below zero by chance: only long tails count.
         kurtosis = max(float(np.mean(squares**2) / np.mean(squares) ** 2 - 3), 0.0)
         found = score_stated_sigma(float(squares.sum()) / freedom, freedom, kurtosis, self.estimated)
-        wrong = found.p_value < self.level and abs(np.log(found.size)) > np.log(levels.STATED_SIGMA_RATIO)
+        wrong = found.p_value < self.level and abs(np.log(found.size)) > np.log(_TRUE_RATIO)
         effect = StatedSigma(quantity=self.name, factor=found.size)
         return replace(found, target=effect.target, named=lambda: effect) if wrong else None
 
@@ -284,3 +279,48 @@ def _outlier_causes(calibration: Calibration, model: Fit, other: bool) -> list[N
         return []
     share = Outliers(share=count / len(law.rows))
     return [NoiseCause(share, {"count": (float(count), float("nan"), "1")}, p)]
+
+
+@dataclass(frozen=True)
+class NoiseFloor:
+    """RMS length of an error that no model can explain.
+
+    Args:
+        rms: [m] of the length of the position error, all measured axes together; 0 where it is not known.
+        stated: the floor by what is stated [m], beside that of repeats; 0 where it is not known.
+    """
+
+    rms: float
+    repeated: bool
+    source: Literal["instrument", "touch"] = "instrument"
+    stated: float = 0.0
+
+    @property
+    def label(self) -> str:
+        """Its name in tables and figures."""
+        return "measurement noise" if self.repeated else f"{self.source} as stated"
+
+    @classmethod
+    def of(cls, problem: ProblemData, model: Fit, contrasts: Contrasts) -> NoiseFloor:
+        """The noise floor of measurements.
+
+        ``sqrt(mean |d|²)`` of the contrasts d between repeats of one posture and target, each scaled to the variance of
+        one reading; where there are too few, σ √k for k measured axes.
+        """
+        residuals = model.residuals
+        e = model.whitened.reshape(-1, residuals.block)[:, : len(residuals.axes)] * residuals.sigma
+        source: Literal["instrument", "touch"] = "touch" if residuals.data.touches else "instrument"
+        stated = position_sigma(problem, residuals.data) * float(np.sqrt(e.shape[1]))
+        if len(contrasts) * e.shape[1] < levels.MIN_REPEAT_FREEDOM:
+            return cls(stated, False, source, stated)
+        differences = contrasts.differences(e) / np.sqrt(contrasts.reading)[:, None]
+        return cls(rms_length(differences), True, source, stated)
+
+    def held_out(self, model: Fit, rounds: int) -> float:
+        """The floor [m] with what it costs to fit many parameters to few numbers.
+
+        Rows left out are predicted with the errors of a fit to the others: ``noise · sqrt(1 + k / m)`` for k parameters
+        fitted to m numbers.
+        """
+        numbers = len(model.residuals.data) * len(model.residuals.axes)
+        return self.rms * float(np.sqrt(1 + model.count / (numbers * (1 - 1 / max(rounds, 2)))))

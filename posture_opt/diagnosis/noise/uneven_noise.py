@@ -1,8 +1,4 @@
-"""Noise that is larger at some postures than at others: what all rows raise, and what repeats make of it.
-
-Errors that grow with a joint are its scatter, or a shape that the model lacks: residuals alone cannot say. Only
-repeats of a posture can, where the model errs alike and all that differs is scatter.
-"""
+"""Noise that is larger at some postures than at others: what all rows raise, and what repeats make of it."""
 
 from __future__ import annotations
 
@@ -18,9 +14,10 @@ from posture_opt.diagnosis.noise.noise_candidates import (
     score_uneven_noise,
 )
 from posture_opt.diagnosis.scores import levels
+from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.repeats import Contrasts
 from posture_opt.model.effects import Cause, NoiseEffect, Rows
-from posture_opt.numerics import Array, Codes
+from posture_opt.numerics import Array, Codes, Json
 from posture_opt.validation.scatter_model import whitened_repeats
 
 
@@ -206,7 +203,7 @@ def _scatter_of_repeats(
     candidate: NoiseCandidate, repeats: NoiseSample, seed: int
 ) -> tuple[_Examined, list[NoiseCandidate]] | None:
     found = _most_scattering(candidate, repeats, seed)
-    if not found or found[0].size < levels.MIN_SCATTER_SHARE * candidate.size:
+    if not found or found[0].size < 0.3 * candidate.size:
         return None
     rest = repeats.without_farthest
     if rest.e.size >= levels.MIN_REPEAT_FREEDOM and not _most_scattering(candidate, rest, seed):
@@ -267,3 +264,42 @@ def _noise_cause(one: _Examined, rivals: Sequence[NoiseCandidate], taken: Collec
 def _spread_lengths(candidate: NoiseCandidate) -> Array:
     """How far (N,) noise along one direction spreads each row; empty where it has no direction."""
     return np.zeros(0) if candidate.spread is None else np.asarray(np.linalg.norm(candidate.spread, axis=1))
+
+
+@dataclass(frozen=True, eq=False)
+class RepeatPlan:
+    """Postures to measure several times each, the arm leaving them in between."""
+
+    errors: UnevenErrors
+    rows: Measurements
+    times: int
+
+    @property
+    def target(self) -> str:
+        """The joint in question."""
+        return self.errors.effect.target
+
+    def to_json(self) -> dict[str, Json]:
+        """An entry of ``unexplained.repeat`` in ``diagnosis.json``: lines of the file, and postures [rad, m]."""
+        names = self.rows.joint_names
+        postures = [dict(zip(names, map(float, q), strict=True)) for q in self.rows.q]
+        return {"target": self.target, "times": self.times, "lines": self.rows.line.tolist(), "postures": postures}
+
+
+def plan_repeats(data: Measurements, groups: Codes, uneven: Sequence[UnevenErrors]) -> tuple[RepeatPlan, ...]:
+    """For every joint that errors grow with, and that repeats say nothing of, the postures where it would show most.
+
+    Args:
+        data: the rows of ``uneven``; ``groups`` (N,) those that repeat one posture already.
+    """
+    plans: list[RepeatPlan] = []
+    if data.position is None:  # whoever leads an arm into sockets by hand does not come back to a posture
+        return ()
+    for errors in uneven:
+        # Rows of one posture are there already: whether the arm left it in between decides, and not more of them.
+        if errors.refuted or errors.still or not len(errors.size):
+            continue
+        order = np.argsort(-errors.size, kind="stable")
+        first = np.sort(np.unique(groups[order], return_index=True)[1])[:5]
+        plans.append(RepeatPlan(errors, data.take(order[first]), 5))
+    return tuple(plans)

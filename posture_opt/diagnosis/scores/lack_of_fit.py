@@ -14,9 +14,6 @@ from posture_opt.measurements.repeats import repeat_of_row
 from posture_opt.numerics import Array, Codes, rms
 from posture_opt.validation.scatter_model import whitened_repeats
 
-_SMALL_RANK_SHARE = 8  # of the rows of a kernel, from which on its factor costs less than itself
-_KERNEL_TOLERANCE = 1e-12  # of a kernel's diagonal, which its factor may leave
-
 
 def side_place(joint: str) -> str:
     """The side of approach of a joint, as `Adequacy.place` names it."""
@@ -172,11 +169,7 @@ def _structure_test(
     from scipy.sparse import csr_array
 
     N = len(data)
-    rows = (
-        np.arange(N)
-        if N <= levels.MAX_KERNEL_ROWS
-        else np.sort(np.random.default_rng(0).choice(N, levels.MAX_KERNEL_ROWS, replace=False))
-    )
+    rows = np.sort(np.random.default_rng(0).choice(N, min(N, 1200), replace=False))  # chosen for time
     series = baseline.flipped[: N * block].reshape(N, block, -1)[rows]
     # Repeats of one posture, and several targets there, are alike: that is repeatability and no structure.
     alike = [codes[:, None] == codes[None, :] for codes in (groups[rows], data.pose[rows])]
@@ -222,12 +215,12 @@ class SmoothKernel:
 
     def _factor(self) -> Array | None:
         """(R, r) of ``K = C Cᵀ`` by a pivoted Cholesky factorisation; None where r is no small part of R."""
-        most = len(self.x) // _SMALL_RANK_SHARE if self.x.shape[1] == 1 else 0
+        most = len(self.x) // 8 if self.x.shape[1] == 1 else 0
         C, left = np.zeros((len(self.x), most)), self.sign**2
         rows = np.arange(len(self.x))
         for k in range(most):
             pivot = int(np.argmax(left))
-            if left[pivot] < _KERNEL_TOLERANCE:
+            if left[pivot] < 1e-12:
                 return C[:, :k]
             C[:, k] = (self.at(rows, np.array([pivot])) - C[:, :k] @ C[pivot, :k]) / np.sqrt(left[pivot])
             left -= C[:, k] ** 2
@@ -240,17 +233,17 @@ def _smooth_kernels(data: Measurements, points: Array, rows: Codes) -> Iterator[
         span = float(np.ptp(q[:, j]))
         if span < 1e-6:
             continue
-        for scale in levels.JOINT_KERNEL_WIDTHS:
+        for scale in (0.5, 0.15):  # of the joint's range: a bow and a bump
             yield name, SmoothKernel(q[:, j : j + 1] / (scale * span), even)
         side = np.sign(data.approach[rows, j]).astype(float)
         if len(np.unique(side)) > 1:
-            yield side_place(name), SmoothKernel(q[:, j : j + 1] / (levels.JOINT_KERNEL_WIDTHS[0] * span), side)
+            yield side_place(name), SmoothKernel(q[:, j : j + 1] / (0.5 * span), side)
     size = float(np.linalg.norm(np.ptp(points[rows], axis=0)))
-    for scale in levels.FIELD_KERNEL_WIDTHS:
+    for scale in (0.5, 0.2):  # of the workspace's size
         yield "tool point", SmoothKernel(points[rows] / max(scale * size, 1e-9), even)
     for name in ("time", "payload", "temperature"):
         values = getattr(data, name)
         values = np.arange(len(data), dtype=float) if values is None and name == "time" else values
         if values is not None and np.ptp(values[rows]) > 0:
-            span = levels.INPUT_KERNEL_WIDTH * np.ptp(values[rows])
+            span = 0.15 * np.ptp(values[rows])
             yield name, SmoothKernel(values[rows][:, None] / span, even)

@@ -24,10 +24,9 @@ from posture_opt.calibration.cross_validation import (
 from posture_opt.calibration.estimation.error_statistics import By, folds_of, groups_of
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.linear_model import LinearModel
-from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.scores.candidates import Candidate
-from posture_opt.diagnosis.scores.nested_subsets import nested_subsets
-from posture_opt.diagnosis.search.dictionary import Dictionary
+from posture_opt.diagnosis.scores.subset_selection import nested_subsets
+from posture_opt.diagnosis.search.atoms import Dictionary
 from posture_opt.diagnosis.search.linearised_data import LinearisedData
 from posture_opt.diagnosis.search.matching_pursuit import Pursued, pursue_in_folds
 from posture_opt.measurements.measurements import Measurements
@@ -50,11 +49,6 @@ class NestedSelection:
     groups: Codes
     sets: tuple[tuple[tuple[Effect, ...], ...], ...]
     losses: Array
-
-    @classmethod
-    def of(cls, dictionary: Dictionary, most: int, groups: Codes, folds: Folds) -> NestedSelection:
-        """Every fold by itself, with sets of at most so many effects."""
-        return NestedSelections.of(dictionary, most, [Folding(groups, folds)]).each[0]
 
     @classmethod
     def of_pursued(cls, dictionary: Dictionary, most: int, way: Folding, pursued: Iterator[Pursued]) -> NestedSelection:
@@ -183,7 +177,7 @@ class Folding:
         return cls(groups, folds_of(groups, count, by))
 
     @classmethod
-    def usual(cls, data: Measurements, count: int = levels.SELECTION_FOLDS) -> tuple[Folding, ...]:
+    def usual(cls, data: Measurements, count: int = 5) -> tuple[Folding, ...]:
         """By place that was touched; else by pose, which shows the noise, and by block, which shows the rest."""
         ways: tuple[By, ...] = ("place",) if data.touches else ("pose",) if data.position is None else ("pose", "block")
         return tuple(cls.of(data, by, count) for by in ways)
@@ -199,7 +193,7 @@ class NestedSelections:
     def of(cls, dictionary: Dictionary, most: int, foldings: Sequence[Folding]) -> NestedSelections:
         """One for each way to leave rows out; the folds of all of them are pursued side by side."""
         folds = [left_out for way in foldings for left_out in way.folds]
-        pursued = pursue_in_folds(dictionary, most + levels.FURTHER_FOLD_EFFECTS, folds)
+        pursued = pursue_in_folds(dictionary, most + 10, folds)
         return cls(tuple(NestedSelection.of_pursued(dictionary, most, way, pursued) for way in foldings))
 
     @property

@@ -15,7 +15,7 @@ from posture_opt.calibration.estimation.least_squares import OUTLIER_MARGIN, fin
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.scores.candidates import Candidate
-from posture_opt.diagnosis.search.dictionary import Dictionary
+from posture_opt.diagnosis.search.atoms import Dictionary
 from posture_opt.diagnosis.search.linearised_data import linearise_calibration
 from posture_opt.diagnosis.search.matching_pursuit import pursue_candidates
 from posture_opt.diagnosis.search.search import SearchResult, candidates_of
@@ -23,14 +23,15 @@ from posture_opt.model.effects import Effect
 from posture_opt.model.effects.slip import Slip, well_covered
 from posture_opt.numerics import Array, Mask
 
-_MAX_OUTLIER_ROUNDS = 8
-_MAX_GROSS_RUN, _MAX_GROSS_SHARE = 3, 0.01  # rows that follow each other, and of all rows: more are no gross errors
 _CLEAR_MARGIN = 2 * OUTLIER_MARGIN  # of rows that effects hid: nearer ones are as what the effects lack
-_MAX_EXPLANATIONS = 8  # explanations: what was chosen, and that with one of its rivals in place
 
 
 def reinclude_outliers(calibration: Calibration, found: SearchResult) -> Calibration:
-    """The calibration without those outliers that what was found, a rival of it, or a slip beside it explains."""
+    """The calibration without those outliers that what was found, a rival of it, or a slip beside it explains.
+
+    A few rows far from all others are left out by a calibration that knows nothing of an effect which is largest there;
+    yet they say most about it. No search among the other rows finds a slip behind which all are left out.
+    """
     if not calibration.outliers:
         return calibration
     chosen = _effects(found.chosen)
@@ -52,7 +53,11 @@ def without_hidden_outliers(calibration: Calibration, model: Fit) -> Calibration
 
 
 def without_clear_outliers(calibration: Calibration) -> Calibration:
-    """The calibration without rows that are clear outliers beside what a pursuit of lasting effects takes."""
+    """The calibration without rows that are clear outliers beside what a pursuit of lasting effects takes.
+
+    A rough description of the errors: a search made again once these rows show beside its result takes many times as
+    long. Where no row is that far off by the instrument's σ, none is beside effects.
+    """
     linearised = linearise_calibration(calibration, flips=0)
     residuals = linearised.sensitivities.residuals
     m, block = residuals.measured, residuals.block
@@ -62,29 +67,25 @@ def without_clear_outliers(calibration: Calibration) -> Calibration:
         return calibration
     lasting = Dictionary(linearised, tuple(c for c in candidates_of(linearised) if c.persistent))
     taken = pursue_candidates(lasting, levels.MAX_EFFECTS).chosen
-    columns = np.concatenate([linearised.G, *(candidate.Z for candidate in taken)], axis=1)
-    gross = _gross_rows(linearised.r[:m], columns[:m], residuals, _CLEAR_MARGIN)
+    gross = _gross_rows(linearised.r[:m], linearised.columns(taken)[0][:m], residuals, _CLEAR_MARGIN)
     return _without_few(calibration, residuals, gross) or calibration
 
 
 def _without_few(calibration: Calibration, residuals: Residuals, gross: Mask) -> Calibration | None:
-    """The calibration without gross rows (M,) of those that count; None without such, or with too many for that."""
+    """The calibration without gross rows (M,) of those that count; None without such, or with too many for that.
+
+    More than three that follow each other, or than 1 % of all rows, are no gross errors but what the model lacks.
+    """
     order = residuals.data.order
-    gross[order] = _in_short_runs(gross[order], _MAX_GROSS_RUN)
-    if not 0 < gross.sum() <= max(_MAX_GROSS_RUN, _MAX_GROSS_SHARE * len(gross)):
+    marked = gross[order]
+    for first, behind in np.flatnonzero(np.diff(np.r_[False, marked, False].astype(int))).reshape(-1, 2).tolist():
+        marked[first:behind] = behind - first <= 3
+    gross[order] = marked
+    if not 0 < gross.sum() <= max(3, 0.01 * len(gross)):
         return None
     kept = calibration.fit.kept.copy()
     kept[calibration.kept_rows[gross]] = False
     return recount_rows(calibration, kept)
-
-
-def _in_short_runs(marked: Mask, most: int) -> Mask:
-    """(N,) the marked ones of which at most so many follow each other."""
-    edges = np.flatnonzero(np.diff(np.r_[False, marked, False].astype(int)))
-    short = np.zeros_like(marked)
-    for first, behind in edges.reshape(-1, 2).tolist():
-        short[first:behind] = behind - first <= most
-    return short
 
 
 def _left_out(calibration: Calibration, explanations: Sequence[Sequence[Effect]]) -> Mask:
@@ -108,7 +109,7 @@ def _effects(chosen: Sequence[Candidate]) -> list[Effect]:
 def _effect_sets(found: SearchResult) -> Iterator[list[Effect]]:
     yield _effects(found.chosen)
     others = [(i, rival) for i, rivals in enumerate(found.rivals) for rival in rivals if rival.named]
-    for i, rival in others[: _MAX_EXPLANATIONS - 1]:
+    for i, rival in others[:7]:
         yield _effects((*found.chosen[:i], rival, *found.chosen[i + 1 :]))
 
 
@@ -133,7 +134,7 @@ def _gross_rows(r: Array, A: Array, residuals: Residuals, margin: float = OUTLIE
     scale = np.linalg.norm(A, axis=0)
     A, block = A / np.where(scale > 0, scale, 1.0), residuals.block
     gone = np.zeros(len(r) // block, dtype=bool)
-    for _ in range(_MAX_OUTLIER_ROUNDS):
+    for _ in range(8):
         rows = np.repeat(~gone, block)
         rest = r - A @ np.linalg.lstsq(A[rows], r[rows], rcond=1e-10)[0]
         again = find_outliers(rest, A, block, margin=margin)[0]

@@ -19,7 +19,7 @@ from posture_opt.statements.notation import count, length, percent, shift, state
 from posture_opt.units import ERROR_UNITS, number
 
 if TYPE_CHECKING:
-    from posture_opt.changes.visibility import Visibility
+    from posture_opt.changes.hypotheses import Visibility
     from posture_opt.changes.what_changed import LikelyChange, Recheck
 
 _MAX_ROWS = 8
