@@ -155,7 +155,7 @@ def may_work(found: Diagnosis) -> list[Statement]:
         return [state("diagnosis.stop-first", urgent[0].target, reasons=reasons)]
     bent = found.unbuildable
     if bent is not None and not bent.is_zero:
-        return [state("diagnosis.inspect-link-first", bent.deviation.target)]
+        return [state("diagnosis.inspect-link-first", GeometricDeviation.of(bent.parameter).target)]
     if found.scatter_change is not None:
         return [state("diagnosis.rows-changed-first", line=str(found.scatter_change.line))]
     loose = [f for f in found.effects if any(isinstance(rival, BaseCompliance) for rival in f.confounded_with)]

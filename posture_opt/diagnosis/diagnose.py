@@ -21,10 +21,8 @@ from posture_opt.calibration.large_file import LargeFile
 from posture_opt.calibration.other_preset import free_directions
 from posture_opt.diagnosis.causes.causes import (
     Finding,
-    FittedEffects,
     contradiction_findings,
     effect_findings,
-    geometry_finding,
     noise_finding,
     with_plausibility,
 )
@@ -162,12 +160,12 @@ def _all_findings(found: Explained, held: _HeldOut) -> tuple[Finding, ...]:
     beforehand = contradiction_findings(calibration)
     refuted = [c.cause for c in calibration.contradictions]
     effects = effect_findings(found.names, found.predictive, found.model, held.groups, found.unrefuted)
-    effects = with_plausibility(effects, FittedEffects(found.model, found.linearised.sensitivities.state.robot))
+    effects = with_plausibility(effects, found.model, found.linearised.sensitivities.state.robot)
     return (
         *(f for f in beforehand if isinstance(f.cause, Effect)),
         *_determined_first(*effects, *map(noise_finding, found.noise)),
         *(f for f in beforehand if not isinstance(f.cause, Effect)),
-        *(geometry_finding(g) for g in geometry if g.deviation not in refuted),
+        *(g for g in geometry if g.cause not in refuted),
     )
 
 

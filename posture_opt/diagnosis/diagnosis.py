@@ -27,7 +27,7 @@ from posture_opt.diagnosis.causes.causes import (
     unknowable_causes,
 )
 from posture_opt.diagnosis.causes.delivered_arm import Delivery, extended_arm
-from posture_opt.diagnosis.causes.geometry_causes import Correction, determined_corrections, largest_correction
+from posture_opt.diagnosis.causes.geometry_causes import Correction, determined_corrections
 from posture_opt.diagnosis.causes.sessions import Gain, SecondSession
 from posture_opt.diagnosis.diagnosis_statements import statements_of
 from posture_opt.diagnosis.discrimination_plan import DiscriminationPlan, plan_discrimination
@@ -196,7 +196,8 @@ class Diagnosis(Result):
     @property
     def unbuildable(self) -> Correction | None:
         """The largest certain correction, where the geometry is a cause and no arm is built with it."""
-        largest = largest_correction(self.corrections)
+        sure = (c for c in self.corrections if c.certain)
+        largest = max(sure, key=lambda c: c.excess, default=None)
         return largest if largest is not None and largest.excess > 1 and geometric(self) else None
 
     @cached_property

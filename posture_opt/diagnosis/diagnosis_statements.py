@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from posture_opt.calibration.assumptions.geometric_deviation import GeometricDeviation
 from posture_opt.calibration.calibration_statements import (
     ELSEWHERE,
     data_warnings,
@@ -148,7 +149,7 @@ def _unbuildable(found: Diagnosis) -> list[Statement]:
     parameter = largest.parameter
     off = Quantity(largest.value, "length" if parameter.unit == "m" else "angle", largest.std)
     which = "zero-unbuildable" if largest.is_zero else "correction-unbuildable"
-    noun = largest.deviation.noun_on(found.problem.robot)
+    noun = GeometricDeviation.of(parameter).noun_on(found.problem.robot)
     return [state(f"diagnosis.{which}", parameter.name, noun=noun, off=off)]
 
 

@@ -6,7 +6,6 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 
@@ -22,7 +21,6 @@ from posture_opt.diagnosis.causes.determined_sizes import (
     turn_about_mean,
     turns_of,
 )
-from posture_opt.diagnosis.causes.geometry_causes import GeometryCause
 from posture_opt.diagnosis.causes.sessions import Gain
 from posture_opt.diagnosis.noise.uneven_noise import NoiseCause
 from posture_opt.diagnosis.search.search import SearchResult
@@ -47,6 +45,9 @@ from posture_opt.numerics import Array, Codes, Json
 from posture_opt.robot.robot import Robot
 from posture_opt.units import DIMENSIONS
 
+_SI_UNITS = {dimension: si for dimension, (si, _) in DIMENSIONS.items()} | {"ratio": "1"}
+Estimates = Mapping[str, tuple[float, float, str]]  # parameter -> value, standard error, SI unit
+
 
 @dataclass(frozen=True, eq=False)
 class Finding:
@@ -59,7 +60,7 @@ class Finding:
     """
 
     cause: Cause
-    estimate: Mapping[str, tuple[float, float, str]]
+    estimate: Estimates
     p_value: float
     gain: float
     confounded_with: tuple[Cause, ...] = ()
@@ -74,6 +75,15 @@ class Finding:
     would_need: str = ""
     parts: tuple[RotatingPart, ...] = ()
     fitted: FittedSizes | None = None
+
+    @classmethod
+    def independent(
+        cls, cause: Cause, estimate: Estimates, p_value: float, gain: float, confounded_with: tuple[Cause, ...]
+    ) -> Finding:
+        """Of independent estimates, determined where each of them is."""
+        sizes = ((np.array([value]), np.array([[std**2]])) for value, std, _ in estimate.values())
+        determined = all(is_determined(*size) for size in sizes)
+        return cls(cause, estimate, p_value, gain, confounded_with, determined=determined)
 
     @property
     def sizes(self) -> FittedSizes:
@@ -101,18 +111,11 @@ class Finding:
         return not self.would_need
 
     @property
-    def status(self) -> Literal["determined", "size_undetermined"]:
-        """Whether the data determine the size, in a word of the document."""
-        return "determined" if self.determined else "size_undetermined"
-
-    @property
     def kind(self) -> str:
-        """The name of the cause in files."""
         return self.cause.kind
 
     @property
     def target(self) -> str:
-        """What the cause is of, as in files."""
         return self.cause.target
 
     @property
@@ -129,20 +132,19 @@ class Finding:
         """What to look at on the arm, in one line."""
         return self.cause.inspect_fitted(robot, self.sizes)
 
-    def _rival_json(self, rival: Cause) -> dict[str, str]:
-        named = {"kind": rival.kind, "target": rival.target}
-        alias = (rival.kind, rival.target) == (self.kind, self.target) and rival.qualifier != self.cause.qualifier
-        return {**named, "qualifier": rival.qualifier} if alias else named
-
     def to_json(self) -> dict[str, Json]:
         """The entry of ``effects`` in ``diagnosis.json``."""
         interval = {} if self.interval is None else {"gain_interval95": list(self.interval)}
-        of_file = {} if self.stated is None else _named_values(self.stated)
-        stated = {name: {"stated": value} for name, value in of_file.items()}
+        stated = {name: {"stated": value} for name, value in _named_values(self.stated).items()}
+
+        def alias(rival: Cause) -> bool:
+            same = (rival.kind, rival.target) == (self.kind, self.target)
+            return same and rival.qualifier != self.cause.qualifier
+
         return {
             "kind": self.kind,
             "target": self.target,
-            "status": self.status,
+            "status": "determined" if self.determined else "size_undetermined",
             "estimate": {
                 n: {"value": v, "std": s, "unit": u, **stated.get(n, {})}
                 for n, (v, s, u) in self.estimate.items()
@@ -151,7 +153,10 @@ class Finding:
             "p_value": self.p_value,
             "gain": self.gain,
             **interval,
-            "confounded_with": [self._rival_json(c) for c in self.confounded_with],
+            "confounded_with": [
+                {"kind": c.kind, "target": c.target, **({"qualifier": c.qualifier} if alias(c) else {})}
+                for c in self.confounded_with
+            ],
             **({} if self.refuted_sigma is None else {"refuted_sigma": self.refuted_sigma}),
             "plausible": self.plausible,
             "would_need": self.would_need or None,
@@ -198,18 +203,17 @@ def _stated_effect(model: Fit, place: int) -> Effect | None:
     return own if any(own.values) else None
 
 
-def _named_values(effect: Effect) -> dict[str, float]:
-    """Parameter of an effect -> its value [SI]."""
-    names = (name for name, _ in effect.dimensions)
-    return dict(zip(names, effect.values, strict=True))
+def _named_values(effect: Effect | None) -> dict[str, float]:
+    """Parameter of an effect -> its value [SI]; nothing of no effect."""
+    return {} if effect is None else {name: v for (name, _), v in zip(effect.dimensions, effect.values, strict=True)}
 
 
 def _estimates_of(model: Fit, place: int, parts: Sequence[int] = (0,)) -> dict[str, tuple[float, float, str]]:
     """Parameter, or shape, -> (value, standard error, SI unit), with what the file states of it."""
     effect, own = model.effects[place].of_parts(parts), _stated_effect(model, place)
-    known, part = {} if own is None else _named_values(own), places_of_parts(model, place, parts)
+    known, part = _named_values(own), places_of_parts(model, place, parts)
     rows = zip(effect.dimensions, model.x[part], model.std[part], strict=True)
-    estimate = {n: (known.get(n, 0.0) + float(v), float(s), _si_unit(dimension)) for (n, dimension), v, s in rows}
+    estimate = {n: (known.get(n, 0.0) + float(v), float(s), _SI_UNITS[dimension]) for (n, dimension), v, s in rows}
     for name in effect.shape:
         value = float(getattr(effect, name))
         fitted = place in model.shapes and name == effect.smooth_shape
@@ -232,33 +236,15 @@ def tool_shifts(model: Fit, finding: Finding) -> tuple[Array, Array]:
     return np.asarray(alone), np.asarray(beyond)
 
 
-def _si_unit(dimension: str) -> str:
-    return "1" if dimension == "ratio" else DIMENSIONS[dimension][0]
-
-
 def noise_finding(cause: NoiseCause) -> Finding:
     """A kind of noise as a finding: it brings nothing to the errors themselves."""
-    clear = _all_determined(cause.estimate)
-    return Finding(cause.effect, cause.estimate, cause.p_value, 0.0, cause.confounded_with, determined=clear)
+    return Finding.independent(cause.effect, cause.estimate, cause.p_value, 0.0, cause.confounded_with)
 
 
 def contradiction_findings(calibration: Calibration) -> list[Finding]:
     """What the file states as known and the data refute, as findings; the gain is that of setting it aside."""
-    return [
-        Finding(c.cause, c.estimate, c.p_value, c.gain, refuted_sigma=c.sigma)
-        for c in calibration.contradictions
-        if c.gain > 0
-    ]
-
-
-def geometry_finding(cause: GeometryCause) -> Finding:
-    """A geometric cause as a finding."""
-    clear = _all_determined(cause.estimate)
-    return Finding(cause.deviation, cause.estimate, cause.p_value, cause.gain, cause.confounded_with, determined=clear)
-
-
-def _all_determined(estimate: Mapping[str, tuple[float, float, str]]) -> bool:
-    return all(is_determined(np.array([value]), np.array([[std**2]])) for value, std, _ in estimate.values())
+    refuted = (c for c in calibration.contradictions if c.gain > 0)
+    return [Finding(c.cause, c.estimate, c.p_value, c.gain, refuted_sigma=c.sigma) for c in refuted]
 
 
 def unknowable_causes(residuals: Residuals) -> tuple[Limit, ...]:
@@ -281,77 +267,57 @@ def missing_inputs(residuals: Residuals) -> dict[str, tuple[str, str, tuple[str,
     return {key: (needed.words, needed.hint, tuple(missing[key])) for key, needed in INPUTS.items() if key in missing}
 
 
-# What it would take for a cause that comes once to have come several times.
-_MANY_IN_SESSION = "{count} of them in one session, where more than {most} is rare: rather something moves all the time"
+def with_plausibility(findings: Sequence[Finding], model: Fit, robot: Robot) -> list[Finding]:
+    """Effects of a fit with their range, what they would need beyond it, and the parts that repeat.
 
-
-# What it would take for a part that moves against gravity under unknown loads to be compliant.
-_AGAINST_LOAD = "gravity compensation, in the controller or by springs, that does too much: it rises against its load"
-
-
-@dataclass(frozen=True)
-class FittedEffects:
-    """What a fit says of its effects, with the arm that they act on."""
-
-    model: Fit
-    robot: Robot
-
-    def sizes(self, finding: Finding) -> FittedSizes:
-        """What the fit says of a finding: estimate, covariance of its parameters, and the turn of its joint."""
-        model, place = self.model, finding.place
-        if place is None:
-            return FittedSizes(finding.estimate)
-        part = places_of_parts(model, place, finding.stated_parts)
-        own = [k - model.slices[place].start for k in part]
-        turned = turns_of(model, place)[:, :, own] @ model.x[part]
-        if len(turned) > 1:  # the parts of a tilt vary one by one
-            turned = np.linalg.norm(turned, axis=0)
-        turn = float(turned.min()), float(turned.max())
-        rms = turn_about_mean(model, place, finding.stated_parts)
-        return FittedSizes(finding.estimate, model.covariance[np.ix_(part, part)], turn, rms, *self._range(finding))
-
-    def _range(self, finding: Finding) -> tuple[float, float]:
-        """Range of the joint that a finding moves in the data [rad], and the resolution of frequencies there."""
-        data = self.model.residuals.data
-        if finding.cause.moved_joint not in data.joint_names:
-            return 0.0, 0.0
-        q = data.q[:, data.joint_names.index(finding.cause.moved_joint)]
-        return float(np.ptp(q)), resolution(q)
-
-
-def with_plausibility(findings: Sequence[Finding], fitted: FittedEffects) -> list[Finding]:
-    """The findings, those that are effects with their range, what they would need beyond it, and the parts that repeat."""
+    A cause beyond its range has competed with all others and stays: the data look like it.
+    """
     seen: Counter[str] = Counter()
     found = []
     for finding in findings:
         effect = finding.effect
-        if effect is None:
-            found.append(finding)
-            continue
+        assert effect is not None
         seen[effect.kind] += 1
-        robot = fitted.robot
+        sizes = _sizes_of(model, finding)
         found.append(
             replace(
                 finding,
                 plausible_range=effect.plausible(robot),
-                would_need=_would_need(effect, finding, fitted, seen[effect.kind]),
+                would_need=_would_need(effect, finding, sizes, model, robot, seen[effect.kind]),
                 parts=effect.rotating_parts(robot),
-                fitted=fitted.sizes(finding),
+                fitted=sizes,
             )
         )
     return found
 
 
-def _would_need(effect: Effect, finding: Finding, fitted: FittedEffects, rank: int) -> str:
+def _sizes_of(model: Fit, finding: Finding) -> FittedSizes:
+    """Estimate, covariance, turn, range and resolution of the joint that a finding moves [rad]; 0 where it moves none."""
+    place, data = finding.place, model.residuals.data
+    assert place is not None
+    part = places_of_parts(model, place, finding.stated_parts)
+    turned = turns_of(model, place)[:, :, [k - model.slices[place].start for k in part]] @ model.x[part]
+    if len(turned) > 1:  # the parts of a tilt vary one by one
+        turned = np.linalg.norm(turned, axis=0)
+    moved = finding.cause.moved_joint
+    q = data.q[:, data.joint_names.index(moved)] if moved in data.joint_names else None
+    seen = (0.0, 0.0) if q is None else (float(np.ptp(q)), resolution(q))
+    rms = turn_about_mean(model, place, finding.stated_parts)
+    turn = float(turned.min()), float(turned.max())
+    return FittedSizes(finding.estimate, model.covariance[np.ix_(part, part)], turn, rms, *seen)
+
+
+def _would_need(effect: Effect, finding: Finding, sizes: FittedSizes, model: Fit, robot: Robot, rank: int) -> str:
+    """What would have to be true for the ``rank``-th largest of a kind to be what it looks like; empty if it can be."""
     most = effect.most_in_session
     if most is not None and rank > most:
-        return _MANY_IN_SESSION.format(count=rank, most=most)
-    known = effect.plausible(fitted.robot)
+        return f"{rank} of them in one session, where more than {most} is rare: rather something moves all the time"
+    known = effect.plausible(robot)
     if known is None or not finding.determined:
         return ""
-    if isinstance(effect, GravityLoaded) and effect.unstated_loads:
-        assert finding.place is not None
-        if np.all(fitted.model.x[fitted.model.slices[finding.place]] < 0):
-            return _AGAINST_LOAD
-    value, std = effect.plausible_size(fitted.sizes(finding))
+    assert finding.place is not None
+    against = bool(np.all(model.x[model.slices[finding.place]] < 0))
+    if isinstance(effect, GravityLoaded) and effect.unstated_loads and against:
+        return "gravity compensation, in the controller or by springs, that does too much: it rises against its load"
+    value, std = effect.plausible_size(sizes)
     return "" if known.holds(value, std) else known.would_need(value)

@@ -36,9 +36,6 @@ from posture_opt.validation.calibrated_arm import NOMINAL_KEPT
 from posture_opt.validation.calibrated_second_arm import second_arms
 from posture_opt.validation.residual_scatter import residual_scatter
 
-# Relative change of the RMS of all rows from which on a refit to first order is no refit: gains are stated to 1 %.
-_NONLINEARITY = 3e-3
-
 
 @dataclass(frozen=True, eq=False)
 class PredictiveModel:
@@ -66,32 +63,35 @@ class PredictiveModel:
     @cached_property
     def left_out(self) -> LeftOut:
         """Errors on held-out rows, whole and without each effect, everything else fitted again."""
-        linear, columns = self._linear, self._columns
-        found = leave_out(self.fit.residuals, linear, self.folds, columns)
+        (linear, columns), fit = self._linear, self.fit
+        found = leave_out(fit.residuals, linear, self.folds, columns)
         for i in range(len(columns)):
-            if _is_far(self.fit, linear, i):
+            m, x = fit.residuals.measured, fit.x + linear.refitted(i)
+            x[fit.slices[i]] = 0.0
+            expected, left = rms(linear.left_without(i)[:m]), rms(fit.residuals.whitened(x)[:m])
+            # Gains are stated to 1 %: there a refit to first order is no refit, and all else is fitted anew.
+            if abs(left - expected) > 3e-3 * expected:
                 again = _fitted(self.calibration, [effect for k, effect in enumerate(self.fit.effects) if k != i])
                 found.without[i] = leave_out(again.residuals, LinearModel.of(again), self.folds, []).whole
         return found
 
     @cached_property
-    def _linear(self) -> LinearModel:
-        return LinearModel.of(self.fit)
-
-    @property
-    def _columns(self) -> list[Codes]:
-        return [np.flatnonzero(self._linear.owner == i) for i in range(len(self.fit.effects))]
+    def _linear(self) -> tuple[LinearModel, list[Codes]]:
+        """The arm to first order about the fit, and the columns of each effect in it."""
+        linear = LinearModel.of(self.fit)
+        return linear, [np.flatnonzero(linear.owner == i) for i in range(len(self.fit.effects))]
 
     def _unneeded(self) -> list[int]:
+        """The effects that held-out rows need none of, worst first: each judged without those before it."""
         gone: list[int] = []
-        columns = self._columns
+        linear, columns = self._linear
         if np.all(self.left_out.gains > 0):
             return gone
         held: Codes = np.zeros(0, dtype=np.intp)
         while len(gone) < len(columns):
             left = [i for i in range(len(columns)) if i not in gone]
             together = [held, *(np.union1d(held, columns[i]) for i in left)]
-            now, *losses = (rms(e) for e in leave_out(self.fit.residuals, self._linear, self.folds, together).without)
+            now, *losses = (rms(e) for e in leave_out(self.fit.residuals, linear, self.folds, together).without)
             worst = int(np.argmin(losses))
             if losses[worst] > now:
                 break
@@ -102,14 +102,6 @@ class PredictiveModel:
 
 def _fitted(calibration: Calibration, effects: Sequence[Effect]) -> Fit:
     return calibration.fit_effects(calibration.residuals.take(calibration.kept_rows), effects)
-
-
-def _is_far(fit: Fit, linear: LinearModel, i: int) -> bool:
-    m = fit.residuals.measured
-    x = fit.x + linear.refitted(i)
-    x[fit.slices[i]] = 0.0
-    expected, found = rms(linear.left_without(i)[:m]), rms(fit.residuals.whitened(x)[:m])
-    return abs(found - expected) > _NONLINEARITY * expected
 
 
 # An arm, and the effects that were left out of it -> its errors on held-out rows.

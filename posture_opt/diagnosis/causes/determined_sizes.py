@@ -107,22 +107,19 @@ def places_of_parts(model: Fit, place: int, parts: Sequence[int]) -> list[int]:
     return [first + k for i in parts for k in range(every[i].start, every[i].stop)]
 
 
-def determines(model: Fit, place: int) -> bool:
-    """Whether the data of a fit determine the size of one of its effects, or of parts of it."""
-    return bool(determined_parts(model, place))
-
-
 def undetermined(model: Fit) -> list[int]:
     """The places of the effects of a fit whose sizes the data do not determine."""
-    return [place for place in range(len(model.effects)) if not determines(model, place)]
-
-
-_MIN_FOLDS = 2  # one alone differs from nothing
-_RANK_TOLERANCE = 1e-10  # of unit columns: a shape that does what sine and cosine do is not told from them
+    return [place for place in range(len(model.effects)) if not determined_parts(model, place)]
 
 
 def choice_deviations(model: Fit, calibrated: Fit, nested: NestedSelection, size: int) -> Array:
-    """By how much the parameters of a model are others beside the effects that each fold chose by itself."""
+    """Parameters (S, K, k) beside what each of K folds chose of S sizes, minus those of this model [SI].
+
+    A standard error holds for the model that was chosen. Other rows choose other neighbours, and what these leave out
+    goes into the rest. To the rows of every fold two models are fitted: this one, and the geometry with what the fold
+    chose and those effects of the model that it lacks. Where more effects predict rows left out better, but not
+    clearly, sets of that size are as good a choice, and compared alike.
+    """
     sizes = np.setdiff1d(np.arange(model.directions.shape[1]), model.geometry)
     own = LinearModel.with_columns(model, model.residuals_and_jacobian[1] @ model.directions[:, sizes])
     steps = model.directions[:, np.concatenate([model.geometry, sizes])]
@@ -147,7 +144,7 @@ def with_choice_errors(fit: Fit, deviations: Array) -> Fit:
     from scipy.special import stdtrit
 
     sizes, folds, _ = deviations.shape
-    if folds < _MIN_FOLDS or not np.any(deviations):
+    if folds < 2 or not np.any(deviations):
         return fit
     freedom = folds - 1
     steps = deviations.reshape(sizes * folds, -1) @ np.linalg.pinv(fit.directions).T
@@ -188,17 +185,12 @@ def _set_parameters(model: Fit, place: int, moved: Array, x: Array) -> None:
     J = model.jacobian[:, own]
     norms = np.linalg.norm(J, axis=0)
     scale = np.where(norms > 0, norms, 1.0)
-    found = np.linalg.lstsq(J / scale, moved[: len(J)], rcond=_RANK_TOLERANCE)[0] / scale
+    # A shape that does what sine and cosine do is not told from them.
+    found = np.linalg.lstsq(J / scale, moved[: len(J)], rcond=1e-10)[0] / scale
     sizes = part.stop - part.start
     x[part] = found[:sizes]
     if shape is not None:
         x[shape] = model.x[shape] + found[sizes]
-
-
-# Relative σ of each mass that a file states: cables, covers and grease are in no table of the maker; a choice.
-_RELATIVE_SIGMA = 0.05
-# Relative step of a mass for the difference of columns, which are linear in it but for the lost motion of a load.
-_STEP = 0.1
 
 
 def with_mass_errors(fit: Fit) -> Fit:
@@ -206,7 +198,7 @@ def with_mass_errors(fit: Fit) -> Fit:
 
     ``s_k = −σ A⁺ ∂(Z θ)/∂ln m_k`` with A all columns of the fit and Z those of the effects that rest on masses, of size
     θ: parameters that are not estimated, but considered. Where payloads differ, these determine the sizes, and s_k is
-    small.
+    small. σ is 5 %, a choice: cables, covers and grease are in no table of the maker.
 
     Source: Tapley, Schutz, Born (2004), Statistical Orbit Determination, section 6.2.
     """
@@ -219,9 +211,10 @@ def with_mass_errors(fit: Fit) -> Fit:
     for k, joint in enumerate(robot.joints):
         if not joint.mass > 0:
             continue
-        joints = (*robot.joints[:k], replace(joint, mass=(1 + _STEP) * joint.mass), *robot.joints[k + 1 :])
+        # Columns are linear in a mass but for the lost motion of a load: a step of 10 % serves.
+        joints = (*robot.joints[:k], replace(joint, mass=1.1 * joint.mass), *robot.joints[k + 1 :])
         heavier = fit.residuals.of_robot(replace(robot, joints=joints), fit.residuals.parameters)
-        change = (_shift(fit, replace(fit, residuals=heavier), loaded) - now) * _RELATIVE_SIGMA / _STEP
+        change = (_shift(fit, replace(fit, residuals=heavier), loaded) - now) * 0.05 / 0.1
         steps.append(-inverse @ (inverse.T @ (A.T @ change)))
     S = np.array(steps).reshape(len(steps), A.shape[1])
     return replace(fit, C=fit.C + S.T @ S)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -17,34 +17,22 @@ from posture_opt.calibration.estimation.parameters import Parameter
 from posture_opt.calibration.estimation.prior import Prior, known_rows
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.calibration.leave_out import leave_out
+from posture_opt.diagnosis.causes.causes import Finding
 from posture_opt.diagnosis.scores import levels
-from posture_opt.model.effects import Cause, Effect
+from posture_opt.model.effects import Effect
 from posture_opt.numerics import Array, rms_length
 
-_DEPENDENCE_TOLERANCE = 1e-4  # of a column: what other columns leave of it by rounding and linearisation
-_COMBINATION_SCALE = 1e-3  # a mm, a mrad: near one unit of the other directions
-
-
-@dataclass(frozen=True, eq=False)
-class GeometryCause:
-    """A geometric cause that is named, with its size where it is a single parameter.
-
-    Args:
-        estimate: parameter -> (deviation from the file, standard error, SI unit); empty of many.
-    """
-
-    deviation: GeometricDeviation
-    estimate: Mapping[str, tuple[float, float, str]]
-    p_value: float
-    gain: float
-    confounded_with: tuple[Cause, ...] = ()
+CERTAIN = 1.96  # standard errors that a certain difference has, at 95 %
 
 
 def geometry_causes(
     residuals: Residuals, x_frames: Array, free: Array, full: Fit, effects: Sequence[Effect], folds: Folds,
     estimated: Estimated | None = None,
-) -> list[GeometryCause]:  # fmt: skip
+) -> list[Finding]:  # fmt: skip
     """The geometric causes in addition to the effects: up to three parameters by name, or all of them together.
+
+    Forward selection of single parameters, each the one of largest gain, until the F test of all other geometry is no
+    longer significant. What held-out rows do not need is no cause.
 
     Args:
         x_frames: (k,) parameters with only the free frames fitted [SI].
@@ -55,11 +43,16 @@ def geometry_causes(
     p = _f_test(nominal, full)
     if p > levels.GEOMETRY_LEVEL:
         return []
-    few = _needed_parameters(fits, full)
-    if few is not None:
-        return _single_causes(fits, few, folds)
+    chosen: list[int] = []
+    while len(chosen) < 3:  # with more, "many parameters"
+        gains = _gains_alone(fits.with_only(chosen), [i for i in fits.others if i not in chosen])
+        if not gains:
+            break
+        chosen.append(max(gains, key=lambda i: gains[i]))
+        if _f_test(fits.with_only(chosen), full) > levels.GEOMETRY_LEVEL:
+            return _single_causes(fits, chosen, folds)
     gain = _gain(full, nominal, folds)
-    return [GeometryCause(GeometricDeviation.of_all(), {}, p, gain)] if gain > 0 else []
+    return [Finding(GeometricDeviation.of_all(), {}, p, gain)] if gain > 0 else []
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,16 +90,22 @@ class _FewParameters:
         key = tuple(chosen)
         if key not in self._made:
             known = self.estimated.without([*chosen, *np.flatnonzero(np.any(self.free, axis=1))])
-            directions = _with_parameters(self.free, [*chosen, *known.places], len(self.x_frames))
+            # Of the free frames, and of single parameters by a mm or mrad, near one unit of the other directions.
+            places = [*chosen, *known.places]
+            single = np.zeros((len(self.x_frames), len(places)))
+            single[places, range(len(places))] = 1e-3
+            directions = np.concatenate([self.free, single], axis=1)
             prior = Prior.of(list(known.places), known.covariance) if known.places else None
             self._made[key] = fit_with_effects(
-                self.residuals, self.x_frames, directions, self.effects, prior, self._spread, shapes=False
+                self.residuals,
+                self.x_frames,
+                directions,
+                self.effects,
+                prior,
+                float(np.sqrt(self.full.variance)),
+                shapes=False,
             )
         return self._made[key]
-
-    @property
-    def _spread(self) -> float:
-        return float(np.sqrt(self.full.variance))
 
 
 def _gain(model: Fit, without: Fit, folds: Folds) -> float:
@@ -126,10 +125,6 @@ def _known(model: Fit) -> Array:
     return known_rows(model.prior, model.weight, np.eye(len(model.x)))
 
 
-def _freed(model: Fit) -> int:
-    return len(model.geometry) - (0 if model.prior is None else len(model.prior.rows))
-
-
 def _f_test(small: Fit, large: Fit) -> float:
     """p-value of the F test of the parameters that only the large model has.
 
@@ -138,32 +133,16 @@ def _f_test(small: Fit, large: Fit) -> float:
     """
     from scipy.special import fdtrc
 
-    more = _freed(large) - _freed(small)
+    more = sum(
+        sign * (len(fit.geometry) - (0 if fit.prior is None else len(fit.prior.rows)))
+        for sign, fit in ((1, large), (-1, small))
+    )
     m = len(large.residuals.data) * large.residuals.block
     left = m - large.count
     if more <= 0 or left <= 0:
         return 1.0
     gain = max(_sum_of_squares(small) - _sum_of_squares(large), 0.0)
     return float(fdtrc(more, left, gain / more / (_sum_of_squares(large) / left)))
-
-
-def _needed_parameters(fits: _FewParameters, full: Fit) -> list[int] | None:
-    chosen: list[int] = []
-    while len(chosen) < 3:
-        gains = _gains_alone(fits.with_only(chosen), [i for i in fits.others if i not in chosen])
-        if not gains:
-            return None
-        chosen.append(max(gains, key=lambda i: gains[i]))
-        if _f_test(fits.with_only(chosen), full) > levels.GEOMETRY_LEVEL:
-            return chosen
-    return None
-
-
-def _with_parameters(free: Array, chosen: Sequence[int], k: int) -> Array:
-    """Directions (k, f + c) of the free frames, and of single parameters in addition."""
-    single = np.zeros((k, len(chosen)))
-    single[list(chosen), range(len(chosen))] = _COMBINATION_SCALE
-    return np.concatenate([free, single], axis=1)
 
 
 def _gains_alone(model: Fit, candidates: Sequence[int]) -> dict[int, float]:
@@ -189,14 +168,13 @@ def _gains_alone(model: Fit, candidates: Sequence[int]) -> dict[int, float]:
         column = J[:, i]
         rest = column - Q @ (Q.T @ column)
         # A tilt of a planar arm out of its plane acts in the plane to second order only: no cause to first order.
-        if np.linalg.norm(rest) > max(
-            _DEPENDENCE_TOLERANCE * lengths[i], 1e-3 * most[residuals.parameters[i].unit], 1e-300
-        ):
+        if np.linalg.norm(rest) > max(1e-3 * most[residuals.parameters[i].unit], 1e-300):
             gains[i] = float((rest @ r) ** 2 / (rest @ rest))
     return gains
 
 
-def _single_causes(fits: _FewParameters, chosen: Sequence[int], folds: Folds) -> list[GeometryCause]:
+def _single_causes(fits: _FewParameters, chosen: Sequence[int], folds: Folds) -> list[Finding]:
+    """The chosen parameters as causes; without the one that held-out rows need least, if they do not need it."""
     fitted = fits.with_only(chosen)
     without = [fits.with_only([j for j in chosen if j != i]) for i in chosen]
     gains = [_gain(fitted, other, folds) for other in without]
@@ -204,25 +182,17 @@ def _single_causes(fits: _FewParameters, chosen: Sequence[int], folds: Folds) ->
     if gains and gains[worst] <= 0:
         return _single_causes(fits, [*chosen[:worst], *chosen[worst + 1 :]], folds)
     others = [j for j in fits.others if j not in chosen]
-    rows = zip(chosen, without, gains, strict=True)
-    return [_single_cause(fitted, other, i, others, gain) for i, other, gain in rows]
-
-
-def _single_cause(model: Fit, without: Fit, i: int, others: Sequence[int], gain: float) -> GeometryCause:
-    limit = _sum_of_squares(model) * np.exp(levels.RIVAL_CRITERION / len(model.whitened))
-    parameters, own = model.residuals.parameters, GeometricDeviation.of(model.residuals.parameters[i])
-    gains = _gains_alone(without, others)
-    rivals = (GeometricDeviation.of(parameters[j]) for j in gains if _sum_of_squares(without) - gains[j] <= limit)
-    estimate = {parameters[i].name.rpartition(".")[2]: (float(model.x[i]), float(model.std[i]), parameters[i].unit)}
-    alike = tuple(dict.fromkeys(r for r in rivals if r != own))
-    return GeometryCause(own, estimate, _f_test(without, model), gain, alike)
-
-
-# Standard errors that a certain difference has, at 95 %.
-CERTAIN = 1.96
-_MANUFACTURING_TOLERANCES = {"rad": 5e-3, "m": 5e-3}  # rad, m, of new arms; a choice of taste
-_MAX_OPEN_RATIO = 10.0  # times the standard error among what the data determine: the rest is open
-_MAX_HELD_RATIO = 3.0  # times its standard error is that by the rows alone, of what no tolerance holds
+    limit = _sum_of_squares(fitted) * np.exp(levels.RIVAL_CRITERION / len(fitted.whitened))
+    found = []
+    for i, other, gain in zip(chosen, without, gains, strict=True):
+        parameter, alone = fits.residuals.parameters[i], _gains_alone(other, others)
+        own = GeometricDeviation.of(parameter)
+        near = [j for j in alone if _sum_of_squares(other) - alone[j] <= limit]
+        rivals = dict.fromkeys(GeometricDeviation.of(fits.residuals.parameters[j]) for j in near)
+        estimate = {parameter.name.rpartition(".")[2]: (float(fitted.x[i]), float(fitted.std[i]), parameter.unit)}
+        alike = tuple(r for r in rivals if r != own)
+        found.append(Finding.independent(own, estimate, _f_test(other, fitted), gain, alike))
+    return found
 
 
 @dataclass(frozen=True)
@@ -244,13 +214,8 @@ class Correction:
 
     @property
     def excess(self) -> float:
-        """Times the tolerance of new arms that it is off at the least, within its error."""
-        return (abs(self.value) - CERTAIN * self.std) / _MANUFACTURING_TOLERANCES[self.parameter.unit]
-
-    @property
-    def deviation(self) -> GeometricDeviation:
-        """The cause that it is."""
-        return GeometricDeviation.of(self.parameter)
+        """Times the tolerance of new arms, 5 mm or mrad by choice, that it is off at the least, within its error."""
+        return (abs(self.value) - CERTAIN * self.std) / 5e-3
 
     @property
     def is_zero(self) -> bool:
@@ -265,11 +230,6 @@ def determined_corrections(calibration: Calibration, model: Fit) -> tuple[Correc
         Correction(p, float(x), float(std))
         for p, x, std, whole, held in rows
         if p.group == "geometry"
-        and 0 < whole < _MAX_OPEN_RATIO * std  # what the data leave open has a small part in what they determine
-        and held < _MAX_HELD_RATIO
+        and 0 < whole < 10 * std  # what the data leave open has a small part in what they determine
+        and held < 3  # no tolerance of parts decides which of two lengths it is that act alike
     )
-
-
-def largest_correction(corrections: tuple[Correction, ...]) -> Correction | None:
-    """The certain correction that is hardest to build; None where none is certain."""
-    return max((c for c in corrections if c.certain), key=lambda c: c.excess, default=None)
