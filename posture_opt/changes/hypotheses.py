@@ -17,6 +17,7 @@ from posture_opt.changes.new_rows import (
     NewRows,
     SizedChange,
     log_gains,
+    log_normalised,
     log_sum,
 )
 from posture_opt.experiments.possible_changes import PossibleChange, change_name
@@ -24,7 +25,6 @@ from posture_opt.numerics import Array, Codes, Json, finite_or_none
 
 # Sizes of a change: 0.06 to 64 mm of motion of the tool, of a joint the same in mrad.
 SIZES_M = np.asarray(1e-3 * 2.0 ** np.arange(-4, 7), dtype=float)
-_MIN_MOTION_SHARE = 1e-9  # of the largest mean square motion of a change: less is none
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +55,7 @@ class Form:
         motion = rows.motion(change)
         for deviating in change.forms:
             values, vectors = np.linalg.eigh(motion[np.ix_(deviating, deviating)])
-            kept = values > _MIN_MOTION_SHARE * np.trace(motion)
+            kept = values > 1e-9 * np.trace(motion)  # less is no motion
             if kept.sum() > (found[0].W.shape[1] if found else 0) or kept.all():
                 W = np.zeros((len(motion), int(kept.sum())))
                 W[list(deviating)] = vectors[:, kept] / np.sqrt(values[kept])
@@ -67,19 +67,11 @@ class Form:
 
 # Before the new rows: an arm is checked after an incident, and is most often found as it was.
 PRIOR = {"unchanged": 0.6, "one": 0.3, "two": 0.07, "unexplained": 0.03, "gross": 0.03}
-_USUAL_M = 0.25e-3
-_LOG_SIZES = -np.log(np.maximum(SIZES_M / _USUAL_M, 1.0))
 # Up to 0.25 mm or mrad all sizes are alike probable, above in inverse proportion: large ones are rare.
-LOG_SIZES = np.asarray(_LOG_SIZES - log_sum(_LOG_SIZES))
-_LOG_LEVELS = -0.5 * (np.log(NOISE_LEVELS) / NOISE_SPREAD) ** 2
-LOG_LEVELS = _LOG_LEVELS - log_sum(_LOG_LEVELS)
+LOG_SIZES = log_normalised(-np.log(np.maximum(SIZES_M / 0.25e-3, 1.0)))
+LOG_LEVELS = log_normalised(-0.5 * (np.log(NOISE_LEVELS) / NOISE_SPREAD) ** 2)
 # Noise over what is stated where the rows err in a way that no change makes.
 _UNEXPLAINED_LEVELS = 2.0 ** np.arange(1, 9)
-_PAIRED = 6  # likeliest single changes that are tried with every other one
-# Standard deviations of a row by which a tangent may miss before the rows are linearised about the estimate.
-_TANGENT_ERROR = 0.3
-_MAX_STEPS = 5
-_MIN_WEIGHT = 1e-6  # of a part of an estimate
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +93,7 @@ class Hypotheses:
         gaussian = GaussianRows.of(rows.r, rows.P, rows.A)
         forms = tuple(form for form in (tuple(Form.of(rows, change)) for change in rows.moving) if form)
         found = cls(rows, gaussian, forms, ((rows, gaussian),) * len(forms))
-        for _ in range(_MAX_STEPS):
+        for _ in range(5):
             closer = tuple(found._closer(index) for index in range(len(forms)))
             if closer == found.own:
                 break
@@ -113,7 +105,7 @@ class Hypotheses:
         x = self.rows.x.copy()
         x[self.rows.columns(self.changes[index])] += self._estimate(index).mean
         tangent = own.r + own.A @ (x - self.rows.x)
-        if np.max(np.abs(own.errors_at(x) - tangent)) < _TANGENT_ERROR:
+        if np.max(np.abs(own.errors_at(x) - tangent)) < 0.3:  # standard deviations of a row
             return self.own[index]
         own = self.rows.about(x)
         return own, GaussianRows.of(own.r, own.P, own.A)
@@ -157,32 +149,38 @@ class Hypotheses:
 
     @cached_property
     def log_pairs(self) -> dict[tuple[int, int], float]:
-        """Log evidence of two changes together: the likeliest ones with every other one."""
+        """Log evidence of two changes at one noise level, as at all: the six likeliest with every other one."""
         if not self.forms:
             return {}
-        order = np.argsort(-(self.log_singles + np.log(self.weights)), kind="stable")[:_PAIRED].tolist()
+        order = np.argsort(-(self.log_singles + np.log(self.weights)), kind="stable")[:6].tolist()
         pairs = {(min(a, b), max(a, b)) for a in order for b in range(len(self.forms)) if a != b}
-        return {pair: self._log_pair(*pair) for pair in sorted(pairs)}
-
-    def _log_pair(self, a: int, b: int) -> float:
-        first, second = self.forms[a][-1], self.forms[b][-1]
-        _, gains = _pair_gains(*self._pair_equations(a, b), first, second)
         best, level = self._likeliest
         ratio = self.log_singles[best] - log_sum(self.tables[best][:, level])
-        density = self._both(a, b).densities[level] + LOG_LEVELS[level] + ratio
-        return log_sum(gains) + float(density)
+        found = {}
+        for pair in sorted(pairs):
+            _, _, _, gains, rows = self._pair(*pair)
+            found[pair] = log_sum(gains) + float(rows.densities[level] + LOG_LEVELS[level] + ratio)
+        return found
 
-    def _both(self, a: int, b: int) -> GaussianRows:
-        return self.own[a if self.log_singles[a] > self.log_singles[b] else b][1]
+    def _pair(self, a: int, b: int) -> tuple[Array, Array, Array, Array, GaussianRows]:
+        """Normal equations H (p, p) and h (p,) of two changes by the widest form of each, at the likeliest noise level.
 
-    def _pair_equations(self, a: int, b: int) -> tuple[Array, Array]:
+        Then prior standard deviations (S, p) on every other size of the grid, the gain (S,) of each pair of sizes with
+        their prior, and the rows: linearised as for the likelier one.
+        """
         first, second = self.forms[a][-1], self.forms[b][-1]
-        G, h = self._both(a, b).normal[self._likeliest[1]]
-        at = np.concatenate([first.columns, second.columns])
-        W = np.zeros((len(at), first.W.shape[1] + second.W.shape[1]))
-        W[: len(first.columns), : first.W.shape[1]] = first.W
-        W[len(first.columns) :, first.W.shape[1] :] = second.W
-        return W.T @ G[np.ix_(at, at)] @ W, W.T @ h[at]
+        rows = self.own[a if self.log_singles[a] > self.log_singles[b] else b][1]
+        G, h = rows.normal[self._likeliest[1]]
+        at, (p, q) = np.concatenate([first.columns, second.columns]), (first.W.shape[1], second.W.shape[1])
+        W = np.zeros((len(at), p + q))
+        W[: len(first.columns), :p], W[len(first.columns) :, p:] = first.W, second.W
+        H, h = W.T @ G[np.ix_(at, at)] @ W, W.T @ h[at]
+        sizes = [form.sizes[::2] / form.W.shape[1] ** 0.5 for form in (first, second)]
+        d = np.repeat(np.array([(s, t) for s in sizes[0] for t in sizes[1]]), (p, q), axis=1)
+        share = log_normalised(LOG_SIZES[::2])
+        M, u = np.eye(p + q) + d[:, :, None] * H * d[:, None, :], d * h
+        fit = np.sum(u * np.linalg.solve(M, u[:, :, None])[:, :, 0], axis=1)
+        return H, h, d, 0.5 * (fit - np.linalg.slogdet(M)[1]) + np.add.outer(share, share).ravel(), rows
 
     @cached_property
     def _logs(self) -> Array:
@@ -222,27 +220,20 @@ class Hypotheses:
         table = self.tables[index]
         weights = np.exp(table - log_sum(table))
         parts, shares = [], []
-        for f, k, s in np.argwhere(weights > _MIN_WEIGHT):
+        for f, k, s in np.argwhere(weights > 1e-6):
             form = self.forms[index][f]
-            parts.append(self._of_parameters(form, self.sized(index, form, int(k)).estimate(float(form.sizes[s]))))
+            parts.append(self.sized(index, form, int(k)).estimate(float(form.sizes[s])).of(form.W))
             shares.append(weights[f, k, s])
         return Estimate.mixture(parts, np.array(shares) / np.sum(shares))
 
-    @staticmethod
-    def _of_parameters(form: Form, t: Estimate) -> Estimate:
-        return Estimate(form.W @ t.mean, form.W @ t.covariance @ form.W.T)
-
     def _pair_estimate(self, a: int, b: int) -> tuple[Estimate, Estimate]:
+        """The estimates of two changes with one another, at the likeliest noise level and the likeliest sizes."""
         first, second = self.forms[a][-1], self.forms[b][-1]
-        H, h = self._pair_equations(a, b)
-        sizes, gains = _pair_gains(H, h, first, second)
-        d = sizes[int(np.argmax(gains))]
-        covariance = np.asarray(np.linalg.inv(H + np.diag(d**-2)), dtype=float)
+        H, h, sizes, gains, _ = self._pair(a, b)
+        covariance = np.asarray(np.linalg.inv(H + np.diag(sizes[int(np.argmax(gains))] ** -2.0)))
         mean, p = covariance @ h, first.W.shape[1]
-        return (
-            self._of_parameters(first, Estimate(mean[:p], covariance[:p, :p])),
-            self._of_parameters(second, Estimate(mean[p:], covariance[p:, p:])),
-        )
+        one, other = Estimate(mean[:p], covariance[:p, :p]), Estimate(mean[p:], covariance[p:, p:])
+        return one.of(first.W), other.of(second.W)
 
     def expected_preference(self, one: int, other: int) -> float:
         """Log Bayes factor by which rows are expected to prefer a change, of its estimated size, to another one."""
@@ -311,28 +302,10 @@ class Probabilities:
         return found * (1 - self.unchanged) / total if total else found
 
 
-def _pair_gains(H: Array, h: Array, first: Form, second: Form) -> tuple[Array, Array]:
-    """Prior standard deviations (S, p) of two changes on the grid of their sizes, and the gain (S,) of each pair of
-    sizes, their prior included; every other size of the grid.
-    """
-    p, q = first.W.shape[1], second.W.shape[1]
-    a, b = (form.sizes[::2] / form.W.shape[1] ** 0.5 for form in (first, second))
-    d = np.repeat(np.array([(s, t) for s in a for t in b]), (p, q), axis=1)
-    share = LOG_SIZES[::2] - log_sum(LOG_SIZES[::2])
-    M = np.eye(p + q) + d[:, :, None] * H * d[:, None, :]
-    u = d * h
-    fit = np.sum(u * np.linalg.solve(M, u[:, :, None])[:, :, 0], axis=1)
-    return d, 0.5 * (fit - np.linalg.slogdet(M)[1]) + np.add.outer(share, share).ravel()
-
-
 # Probability of being detected from which on a change counts as visible.
 POWER = 0.9
 # The motion of the tool whose probability of being detected is reported [m].
 REFERENCE_M = 0.1e-3
-# Motions between which the visible one is searched, by halving their ratio so often:
-_LEAST_M, _MOST_M = 1e-5, 0.05
-_HALVINGS = 9
-_DRAWS = 400
 
 
 @dataclass(frozen=True)
@@ -370,26 +343,23 @@ class Visibility:
 
 
 def visibilities(models: Hypotheses) -> tuple[Visibility, ...]:
-    """Of every change, by the same random draws."""
-    draws = np.random.default_rng(0).standard_normal((_DRAWS, 6))
-    return tuple(_visibility(models, index, draws) for index in range(len(models.changes)))
-
-
-def _visibility(models: Hypotheses, index: int, draws: Array) -> Visibility:
-    change, form = models.changes[index], models.forms[index][0]
-    shift = _visible_motion(models, index, draws)
-    single = len(change.parameters) == 1
-    size = shift * abs(float(form.W[0, 0])) if single else math.nan
-    unit = change.parameters[0].unit if single else "m"
-    return Visibility(change.kind, change.target, models.power(index, REFERENCE_M, draws), shift, size, unit)
+    """Of every change, by its simplest form and the same random draws."""
+    draws, found = np.random.default_rng(0).standard_normal((400, 6)), []
+    for index, change in enumerate(models.changes):
+        shift, single = _visible_motion(models, index, draws), len(change.parameters) == 1
+        size = shift * abs(float(models.forms[index][0].W[0, 0])) if single else math.nan
+        unit = change.parameters[0].unit if single else "m"
+        power = models.power(index, REFERENCE_M, draws)
+        found.append(Visibility(change.kind, change.target, power, shift, size, unit))
+    return tuple(found)
 
 
 def _visible_motion(models: Hypotheses, index: int, draws: Array) -> float:
-    """The motion [m] that is detected with the probability `POWER`; infinite where the largest is not."""
-    if models.power(index, _MOST_M, draws) < POWER:
+    """The motion [m] from 0.01 to 50 mm that is detected with the probability `POWER`; infinite where none is."""
+    low, high = 1e-5, 0.05
+    if models.power(index, high, draws) < POWER:
         return math.inf
-    low, high = _LEAST_M, _MOST_M
-    for _ in range(_HALVINGS):
+    for _ in range(9):
         middle = math.sqrt(low * high)
         low, high = (low, middle) if models.power(index, middle, draws) >= POWER else (middle, high)
     return math.sqrt(low * high)

@@ -89,15 +89,19 @@ class Explained:
 
 
 def explain_calibration(calibration: Calibration, draws: int, seed: int, stages: Stages) -> Explained:
-    """What the residuals of a calibration hold, under the gravity and the masses that explain them best."""
+    """What the residuals of a calibration hold, under the gravity and the masses that explain them best.
+
+    Where the sag of the joints asks for another direction of gravity, or for other masses, all is searched for once
+    more with these: they are taken if what is found then, a load among it, leaves clearly less, or needs fewer effects.
+    """
     found = _explain(calibration, draws, seed, stages)
-    judges: tuple[Callable[[Calibration], Reading | None], ...] = (better_gravity, refuted_masses)
+    judges: Sequence[Callable[[Calibration], Reading | None]] = (better_gravity, refuted_masses)
     for judge in judges:
         reading = judge(found.calibration)
         if reading is None:
             continue
         problem = reading.restated(found.calibration.request.problem)
-        other = _explain(of_problem(found.calibration, problem), draws, seed, Stages(None, 1, 1))
+        other = _explain(of_problem(found.calibration, problem), draws, seed)
         before, after = (one.model.variance for one in (found, other))
         evidence = len(other.model.whitened) / 2 * np.log(max(before, 1e-300) / max(after, 1e-300))
         evidence += levels.CHOICE_PENALTY * (len(found.model.effects) - len(other.model.effects))
@@ -107,23 +111,29 @@ def explain_calibration(calibration: Calibration, draws: int, seed: int, stages:
     return found
 
 
-def _explain(calibration: Calibration, draws: int, seed: int, stages: Stages) -> Explained:
+def _explain(calibration: Calibration, draws: int, seed: int, stages: Stages | None = None) -> Explained:
+    """What the residuals hold under gravity and masses as stated.
+
+    Searched for once more where statements of the file prove wrong beside the effects, where orientations scatter
+    otherwise than they were weighed for, or geometry was held near nominal which the data determine beside the effects:
+    what hides in the calibrated arm's errors may have made it seem so. So it is where effects hid outliers.
+    """
     calibration = without_clear_outliers(calibration)
-    found = _explain_residuals(*_search_effects(calibration, draws, seed, stages), seed)
+    found = _explain_residuals(calibration, draws, seed, stages)
     for judge in (restated, reweighed):
         again = judge(calibration, found.model)
         if again is not None:
             calibration = again
-            found = _explain_residuals(*_search_effects(again, draws, seed, Stages(None, 1, 1)), seed)
+            found = _explain_residuals(again, draws, seed)
     fewer = without_hidden_outliers(found.calibration, found.model)
     if fewer is not None:
-        found = _explain_residuals(*_search_effects(fewer, draws, seed, Stages(None, 1, 1)), seed)
+        found = _explain_residuals(fewer, draws, seed)
     return found
 
 
-def _explain_residuals(
-    calibration: Calibration, linearised: LinearisedData, found: SearchResult, seed: int
-) -> Explained:
+def _explain_residuals(calibration: Calibration, draws: int, seed: int, stages: Stages | None = None) -> Explained:
+    """The arm with what a search found, and what it leaves."""
+    calibration, linearised, found = _search_effects(calibration, draws, seed, stages or Stages(None, 1, 1))
     found, predictive = _needed_effects(calibration, linearised, found)
     model, residuals = predictive.fit, linearised.sensitivities.residuals
     geometry, names = calibration.fit_effects(residuals, []), found.names or found
@@ -142,8 +152,7 @@ def _explain_residuals(
     scatter = joint_scatter(model, noise)
     if scatter is not None:
         held = held or left_of(everything, residuals.measured)
-        again = lack_of_fit(held, residuals.data, repeated, residuals.block, scatter)
-        left = replace(left, lack_of_fit=again)
+        left = replace(left, lack_of_fit=lack_of_fit(held, residuals.data, repeated, residuals.block, scatter))
     open_ = unnamed or uneven or left.p_value < levels.LACK_OF_FIT_LEVEL
     unrefuted: Mapping[int, tuple[Effect, ...]] = {}
     if open_:
@@ -157,6 +166,10 @@ def _explain_residuals(
 def _needed_effects(
     calibration: Calibration, linearised: LinearisedData, found: SearchResult
 ) -> tuple[SearchResult, PredictiveModel]:
+    """The search without the named effects that held-out rows do not need, and the arm with the others.
+
+    They need none of a set that predicts them no better than geometry alone, chosen anew without them.
+    """
     names = found.names or found
     offered = [s.what for s in names.chosen if isinstance(s.what, Effect)]
     folds = groups_and_folds(calibration)[1]
@@ -167,6 +180,10 @@ def _needed_effects(
 
 
 def _held_by_prior(calibration: Calibration, linearised: LinearisedData, found: SearchResult) -> HeldResiduals | None:
+    """What is left where the prior holds the geometry beside all that was found; None where nothing is known of it.
+
+    The search lets the geometry free: what a wrong prior leaves is nothing that an effect could explain.
+    """
     fit, residuals = calibration.fit, linearised.sensitivities.residuals
     if fit.prior is None:
         return None

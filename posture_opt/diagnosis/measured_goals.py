@@ -53,8 +53,7 @@ class Choice:
         """Lengths [m]: median and what 95 % of the goals stay below; the share within the clearance."""
         return {
             "missed": _median_and_p95(self.missed), "missed_elsewhere": _median_and_p95(self.elsewhere),
-            "better": self.better,
-            "success": None if clearance is None else self.hits(clearance),
+            "better": self.better, "success": None if clearance is None else self.hits(clearance),
         }  # fmt: skip
 
 

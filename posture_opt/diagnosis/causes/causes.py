@@ -292,7 +292,7 @@ def with_plausibility(findings: Sequence[Finding], model: Fit, robot: Robot) -> 
 
 
 def _sizes_of(model: Fit, finding: Finding) -> FittedSizes:
-    """Estimate, covariance, turn, range and resolution of the joint that a finding moves [rad]; 0 where it moves none."""
+    """Estimate, covariance, turn, range and resolution of the joint that a finding moves [rad]; 0 if none."""
     place, data = finding.place, model.residuals.data
     assert place is not None
     part = places_of_parts(model, place, finding.stated_parts)

@@ -50,7 +50,7 @@ class PredictiveModel:
     def of(
         cls, calibration: Calibration, effects: Sequence[Effect], folds: Folds, *, determined: bool = False
     ) -> PredictiveModel:
-        """Backward elimination by the RMS on held-out rows: what they are predicted no worse without goes, worst first."""
+        """Backward elimination by the RMS on held-out rows: what they are predicted no worse without goes first."""
         kept = tuple(range(len(effects)))
         while True:
             fit = _fitted(calibration, [effects[i] for i in kept])

@@ -68,7 +68,7 @@ def determines_all(model: Fit, place: int) -> bool:
 
 
 def stated_parts(model: Fit, place: int) -> tuple[int, ...]:
-    """The parts of an effect whose sizes are determined as they are stated; what they do to the tool may be so alone."""
+    """The parts of an effect whose sizes are determined as stated: of unknown loads, the turn about its mean."""
     parts, effect = determined_parts(model, place), model.effects[place]
     if not parts or not (isinstance(effect, GravityLoaded) and effect.unstated_loads):
         return parts

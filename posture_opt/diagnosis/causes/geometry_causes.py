@@ -70,7 +70,7 @@ class Estimated:
 
 @dataclass(frozen=True, eq=False)
 class _FewParameters:
-    """Fits of an arm with free frames, effects and some parameters, all other geometry as in the file; each made once."""
+    """Fits of an arm with free frames, effects and some parameters, other geometry as in the file; each made once."""
 
     residuals: Residuals
     x_frames: Array

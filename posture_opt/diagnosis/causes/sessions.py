@@ -10,6 +10,7 @@ import numpy as np
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.estimation.error_statistics import Statistics, resampled_groups
 from posture_opt.calibration.estimation.fit import Fit
+from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.calibration.second_file import OtherFile, errors_on, predict_other_file
 from posture_opt.diagnosis.causes.delivered_arm import Delivery
 from posture_opt.measurements.measurements import Measurements
@@ -73,18 +74,23 @@ class SecondSession:
         return {**self.file.to_json(), "gain": self.gain.to_json(), "extrapolates_badly": worse}
 
 
+def three_models(calibration: Calibration, extended: Fit) -> dict[str, tuple[Residuals, Array]]:
+    """Residuals and parameters before calibration, calibrated, and of an arm with effects."""
+    fit = calibration.fit
+    return {
+        "nominal": (fit.residuals, calibration.x_nominal),
+        "calibrated": (fit.residuals, fit.x),
+        "extended": (extended.residuals, extended.x),
+    }
+
+
 def second_session(
     other: Measurements, calibration: Calibration, model: Fit, delivery: Delivery, *, refit_frames: bool = False
 ) -> SecondSession:
     """Errors of three models on other measurements, nothing fitted to them, or base and tool alone."""
     calibrated, extended = calibration.fit, delivery.fit
-    fits = {
-        "nominal": (calibrated.residuals, calibration.x_nominal),
-        "calibrated": (calibrated.residuals, calibrated.x),
-        "extended": (extended.residuals, extended.x),
-    }
     learned = calibration.request.data.take(calibration.kept_rows)
-    file = predict_other_file(fits, learned, other, refit_frames)
+    file = predict_other_file(three_models(calibration, extended), learned, other, refit_frames)
     own, out, poses = file.errors["extended"], file.outside, file.data.pose
     gains: list[Gain | None] = [None] * len(model.effects)
     worse: list[int] = []
