@@ -21,7 +21,7 @@ from posture_opt.diagnosis.noise.noise_candidates import (
     score_uneven_noise,
     standardised_residuals,
 )
-from posture_opt.diagnosis.noise.uneven_noise import NoiseCause, NoiseSample, UnevenErrors, find_uneven_noise, spread_by
+from posture_opt.diagnosis.noise.uneven_noise import NoiseCause, NoiseSample, UnevenErrors, find_uneven_noise
 from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.scores.score_tests import ProjectedBaseline
 from posture_opt.measurements.kinds.mixed import Mixed
@@ -74,7 +74,7 @@ def _scattering_joint(repeated: NoiseSample, quantities: Sequence[_Quantity], se
     found = score_uneven_noise(repeated.e, repeated.rows, seed)
     if not found or not found[0].of_arm or found[0].p_value > levels.FURTHER_NOISE_LEVEL:
         return None
-    rest = repeated.without(spread_by(found[0], repeated)).e
+    rest = repeated.beside(found[0]).e
     if any(quantity.wrong_sigma(quantity.of(rest), quantity.of(rest).size) for quantity in quantities):
         return None
     return NoiseCause(found[0].named(), found[0].estimate, found[0].p_value)

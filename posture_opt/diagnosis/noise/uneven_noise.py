@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -99,6 +99,12 @@ class NoiseSample:
         e, levers = whitened_repeats(self.e, self.rows.levers, spread[:, :, None], visits, np.ones(self.e.shape))
         return replace(self, e=e, rows=replace(self.rows, levers=levers))
 
+    def beside(self, candidate: NoiseCandidate) -> NoiseSample:
+        """`without` the noise of a joint; as it is beside noise that has no direction."""
+        names = self.rows.robot.joint_names
+        along = candidate.size * self.rows.levers[names.index(candidate.target)] if candidate.of_arm else None
+        return self.without(along)
+
     @classmethod
     def together(cls, samples: Sequence[NoiseSample]) -> NoiseSample:
         """The samples of several robots of one type, whose repeats are all different."""
@@ -132,28 +138,35 @@ def _apart(codes: Sequence[Codes | None], sizes: Sequence[int]) -> Codes:
 
 @dataclass(frozen=True, eq=False)
 class _Examined:
-    """A candidate of all rows with what repeats, and rows that follow each other, say of it; ``None``: too few."""
+    """A candidate of all rows with what repeats, and rows of one posture that follow each other, say of it.
+
+    Args:
+        refuted: whether repeats scatter by another size; ``confirmed`` the candidate as what confirms it has it.
+        still: whether only rows that follow each other are enough to say anything.
+        rivals: what explains the rows nearly as well.
+    """
 
     candidate: NoiseCandidate
-    repeated: RepeatedNoise | None
-    read: RepeatedNoise | None
+    refuted: bool = False
+    confirmed: NoiseCandidate | None = None
+    still: bool = False
+    rivals: Sequence[NoiseCandidate] = ()
 
-    @property
-    def refuted(self) -> bool:
-        """Whether repeats scatter by another size."""
-        decisive = (self.repeated,) if self.candidate.of_arm else (self.repeated, self.read)
-        return any(one is not None and one.refuted for one in decisive)
-
-    @property
-    def confirmed(self) -> RepeatedNoise | None:
-        """What confirms it."""
-        both = (self.repeated, self.read) if self.candidate.of_arm else (self.read, self.repeated)
-        return None if self.refuted else next((one for one in both if one is not None and one.confirmed), None)
+    @classmethod
+    def of(cls, candidate: NoiseCandidate, repeats: NoiseSample, readings: NoiseSample, seed: int) -> _Examined:
+        """Noise of the instrument is in every reading; that of a joint is not where the arm stayed in its posture."""
+        repeated, read = (_shown(candidate, sample, seed) for sample in (repeats, readings))
+        refuted = any(
+            one is not None and one.refuted for one in ((repeated,) if candidate.of_arm else (repeated, read))
+        )
+        both = (repeated, read) if candidate.of_arm else (read, repeated)
+        sure = (one.candidate for one in both if one is not None and one.confirmed and not refuted)
+        return cls(candidate, refuted, next(sure, None), repeated is None and read is not None)
 
     @property
     def sized(self) -> NoiseCandidate:
         """With the size that is to be believed: that of the arm's noise is in the repeats."""
-        return self.confirmed.candidate if self.candidate.of_arm and self.confirmed is not None else self.candidate
+        return self.confirmed if self.candidate.of_arm and self.confirmed is not None else self.candidate
 
 
 def find_uneven_noise(
@@ -163,52 +176,59 @@ def find_uneven_noise(
     level: float = levels.NOISE_LEVEL,
     readings: NoiseSample | None = None,
 ) -> tuple[list[NoiseCause], list[UnevenErrors]]:
-    """The joints, or the range, along which noise is larger than elsewhere; and errors that only look like that."""
+    """The joints, or the range, along which noise is larger than elsewhere; and errors that only look like that.
+
+    Noise is named where repeats scatter so, that of a joint by the size that they have. Where they refute the best
+    candidate, a rival may replace it. Each is whitened, as if it were stated, before the next test at a stricter level.
+    """
     readings = everything.none if readings is None else readings
     repeats, readings = _in_equal_units(repeats, seed), _in_equal_units(readings, seed)
-    named: list[tuple[_Examined, list[NoiseCandidate]]] = []
+    named: list[_Examined] = []
     uneven: list[UnevenErrors] = []
     taken: set[tuple[str, str]] = set()
     everything, candidates = _scored(everything, seed)
     while candidates and candidates[0].p_value < (levels.FURTHER_NOISE_LEVEL if taken else level):
-        first, rivals = candidates[0], _close_rivals(candidates)
-        examined = [_examined(s, repeats, readings, seed) for s in (first, *rivals)]
-        competing = examined if examined[0].refuted else examined[:1]
-        chosen = next((one for one in competing if one.confirmed is not None), None)
-        if chosen is None:
-            still = examined[0].repeated is None and examined[0].read is not None
-            part = _scatter_of_repeats(first, repeats, seed) if examined[0].refuted else None
-            uneven.append(
-                UnevenErrors(
-                    first.named(), first.p_value, examined[0].refuted, _spread_lengths(first), still, part is not None
-                )
-            )
-            if part is not None:
-                named.append(part)
-                repeats = _in_equal_units(repeats.without(spread_by(part[0].sized, repeats)), seed)
+        examined = [_Examined.of(s, repeats, readings, seed) for s in (candidates[0], *_close_rivals(candidates))]
+        first = examined[0]
+        competing = examined if first.refuted else examined[:1]
+        found = next((one for one in competing if one.confirmed is not None), None)
+        if found is not None:
+            first = found
+            found = replace(found, rivals=[s.candidate for s in examined if s is not first])
+            readings = _in_equal_units(readings.beside(found.sized), seed)
         else:
-            first = chosen.candidate
-            named.append((chosen, [s.candidate for s in examined if s is not chosen]))
-            repeats = _in_equal_units(repeats.without(spread_by(chosen.sized, repeats)), seed)
-            readings = _in_equal_units(readings.without(spread_by(chosen.sized, readings)), seed)
-        taken.add(first.who)
-        if first.spread is None or len(taken) == len(everything.rows.levers):
+            found = _scatter_of_repeats(first.candidate, repeats, seed) if first.refuted else None
+            worst, still = first.candidate, first.still
+            size = np.zeros(0) if worst.spread is None else np.linalg.norm(worst.spread, axis=1)
+            effect, part = worst.named(), found is not None
+            uneven.append(UnevenErrors(effect, worst.p_value, first.refuted, size, still, part))
+        if found is not None:
+            named.append(found)
+            repeats = _in_equal_units(repeats.beside(found.sized), seed)
+        taken.add(first.candidate.who)
+        if first.candidate.spread is None or len(taken) == len(everything.rows.levers):
             break
-        everything, scores = _scored(everything.without(first.spread), seed)
+        everything, scores = _scored(everything.without(first.candidate.spread), seed)
         candidates = [s for s in scores if s.who not in taken]
-    return [_noise_cause(one, rivals, taken) for one, rivals in named], uneven
+    causes = []
+    for one in named:
+        others = tuple(rival.named() for rival in one.rivals if rival.who not in taken)
+        causes.append(NoiseCause(one.sized.named(), one.sized.estimate, one.candidate.p_value, others))
+    return causes, uneven
 
 
-def _scatter_of_repeats(
-    candidate: NoiseCandidate, repeats: NoiseSample, seed: int
-) -> tuple[_Examined, list[NoiseCandidate]] | None:
+def _scatter_of_repeats(candidate: NoiseCandidate, repeats: NoiseSample, seed: int) -> _Examined | None:
+    """The part of a joint's errors that is scatter, where repeats have it and by less; with its rivals there.
+
+    None where another joint scatters more between repeats, none does, or it is less than a tenth of the variance.
+    """
     found = _most_scattering(candidate, repeats, seed)
     if not found or found[0].size < 0.3 * candidate.size:
         return None
     rest = repeats.without_farthest
     if rest.e.size >= levels.MIN_REPEAT_FREEDOM and not _most_scattering(candidate, rest, seed):
         return None
-    return _Examined(found[0], RepeatedNoise(found[0], 0.0), None), _close_rivals(found)
+    return _Examined(found[0], confirmed=found[0], rivals=_close_rivals(found))
 
 
 def _most_scattering(candidate: NoiseCandidate, repeats: NoiseSample, seed: int) -> list[NoiseCandidate]:
@@ -218,6 +238,10 @@ def _most_scattering(candidate: NoiseCandidate, repeats: NoiseSample, seed: int)
 
 
 def _scored(sample: NoiseSample, seed: int) -> tuple[NoiseSample, list[NoiseCandidate]]:
+    """A sample in units in which its quantities scatter alike, and the candidates there.
+
+    An orientation whose σ is stated too small looks like noise of every joint that turns it; it is taken away first.
+    """
     found = score_uneven_noise(sample.e, sample.rows, seed)
     if found and found[0].scale is not None and found[0].p_value < levels.NOISE_LEVEL:
         sample = sample.scaled(found[0].scale)
@@ -230,11 +254,8 @@ def _in_equal_units(sample: NoiseSample, seed: int) -> NoiseSample:
     return sample if few else _scored(sample, seed)[0]
 
 
-def _examined(candidate: NoiseCandidate, repeats: NoiseSample, readings: NoiseSample, seed: int) -> _Examined:
-    return _Examined(candidate, *(_shown(candidate, sample, seed) for sample in (repeats, readings)))
-
-
 def _shown(candidate: NoiseCandidate, sample: NoiseSample, seed: int) -> RepeatedNoise | None:
+    """What contrasts say of a candidate. A joint that scatters at one posture alone does not: a repeat is wrong."""
     found = score_repeats(sample.e, sample.rows, candidate, seed)
     if found is None or not candidate.of_arm or not found.confirmed:
         return found
@@ -243,27 +264,9 @@ def _shown(candidate: NoiseCandidate, sample: NoiseSample, seed: int) -> Repeate
     return found if others is None or others.confirmed else others
 
 
-def spread_by(candidate: NoiseCandidate, sample: NoiseSample) -> Array | None:
-    """(N, d) spread of a sample's rows by the noise of a joint; None of noise that has no direction."""
-    if not candidate.of_arm:
-        return None
-    names = sample.rows.robot.joint_names
-    return np.asarray(candidate.size * sample.rows.levers[names.index(candidate.target)])
-
-
 def _close_rivals(candidates: Sequence[NoiseCandidate]) -> list[NoiseCandidate]:
     least = max(candidates[0].ratio - levels.RIVAL_CRITERION, 0.0)
     return [s for s in candidates[1:] if s.ratio > least]
-
-
-def _noise_cause(one: _Examined, rivals: Sequence[NoiseCandidate], taken: Collection[tuple[str, str]]) -> NoiseCause:
-    others = tuple(rival.named() for rival in rivals if rival.who not in taken)
-    return NoiseCause(one.sized.named(), one.sized.estimate, one.candidate.p_value, others)
-
-
-def _spread_lengths(candidate: NoiseCandidate) -> Array:
-    """How far (N,) noise along one direction spreads each row; empty where it has no direction."""
-    return np.zeros(0) if candidate.spread is None else np.asarray(np.linalg.norm(candidate.spread, axis=1))
 
 
 @dataclass(frozen=True, eq=False)
