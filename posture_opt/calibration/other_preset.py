@@ -11,8 +11,9 @@ from posture_opt.calibration.cross_validation import position_errors
 from posture_opt.calibration.estimation.fit import minimum_of
 from posture_opt.calibration.estimation.identifiability import identify_parameters
 from posture_opt.calibration.estimation.residuals import Residuals
+from posture_opt.files import preset_names
 from posture_opt.numerics import Array, Json, rms_length
-from posture_opt.robot.preset import load_preset, preset_names
+from posture_opt.robot.preset import load_preset
 from posture_opt.robot.robot import Robot
 
 _LEAST_ERROR_M = 2e-3

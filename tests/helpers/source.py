@@ -45,7 +45,7 @@ SUBROOMS: dict[str, list[str]] = {
         *("select_posture", "posture_batch", "comparison"),
     ],
     "calibration": ["estimation", "assumptions"],
-    "diagnosis": ["scores", "search", "noise", "causes", "discrimination"],
+    "diagnosis": ["scores", "search", "noise", "causes"],
     "report": ["text", "page", "parts", "scene", "figures", "results"],
 }
 """The folders of a room, and such of its files as another folder needs, in the order in which they may import each

@@ -11,7 +11,8 @@ from matplotlib.text import Text
 
 import posture_opt as po
 from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent
-from posture_opt.problem.load import load_builtin, problems_folder
+from posture_opt.files import problems_folder
+from posture_opt.problem.load import load_builtin
 from posture_opt.report.figures.bench import _name
 from posture_opt.report.figures.diagnosis_curves import _left_by_side
 from posture_opt.report.figures.spread_check import plot_reliability

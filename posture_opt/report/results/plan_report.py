@@ -38,7 +38,7 @@ from posture_opt.units import ERROR_UNITS, fixed, number
 
 if TYPE_CHECKING:
     from posture_opt import MeasurementPlan, Recheck
-    from posture_opt.changes.visibility import Visibility
+    from posture_opt.changes.hypotheses import Visibility
     from posture_opt.changes.what_changed import LikelyChange
     from posture_opt.experiments.expected_errors import ExpectedErrors
 
