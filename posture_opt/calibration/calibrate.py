@@ -28,11 +28,7 @@ from posture_opt.calibration.doubts import doubts_about, without_copies
 from posture_opt.calibration.estimation.error_statistics import By, Statistics, folds_of, groups_of
 from posture_opt.calibration.estimation.fit import Fit, estimate_parameters, with_clustered_errors
 from posture_opt.calibration.estimation.fit_request import FitRequest
-from posture_opt.calibration.estimation.fit_setup import (
-    FitSetup,
-    determine_directions,
-    unseen_errors_of_fit,
-)
+from posture_opt.calibration.estimation.fit_setup import FitSetup, determine_directions, unseen_errors_of_fit
 from posture_opt.calibration.estimation.orientation_scatter import orientation_ratio
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.calibration.estimation.tolerances import widths_of_data
@@ -50,12 +46,6 @@ from posture_opt.selection.problem_data import ProblemData
 
 MAX_FITTED_ROWS = 100_000
 """Rows that are fitted by default, in some minutes: standard errors are below a hundredth of any scatter by then."""
-_NOISE_ROUNDS = 3  # of fitting and judging the noise anew
-_TOLERANCE_ROUNDS = 6
-"""Of fitting, and judging anew how far parts are from nominal."""
-_QUIETER = 0.5  # of the noise of a calibration: with the effects, that much is left of it at the most to judge again
-_TOLERANCE_CHANGE = 0.05
-"""Of a tolerance: less is far below what a handful of parameters say of it."""
 WEIGHED_NOTE = (
     "orientations are weighted with {:.2g} times their stated σ, as much as they scatter beside the positions"
 )
@@ -137,16 +127,10 @@ def calibrate(
 
 
 def reweighed(calibration: Calibration, model: Fit) -> Calibration | None:
-    """The same calibration, weighed as an arm with effects asks for; None where that changes nothing.
-
-    What the effects explain made orientations seem to scatter otherwise beside positions, or hid geometry that then was
-    held near nominal.
-
-    Args:
-        model: geometry and effects, fitted together to the rows that count.
-    """
+    """The same calibration, weighed as an arm with effects asks for; None where that changes nothing."""
     ratio, noise = orientation_ratio(model), float(np.sqrt(model.design * model.variance))
-    quieter = calibration.assumed.any() and noise < _QUIETER * float(
+    # 0.5 of the noise of a calibration: with the effects, that much is left of it at the most to judge again
+    quieter = calibration.assumed.any() and noise < 0.5 * float(
         np.sqrt(calibration.fit.design * calibration.fit.variance)
     )
     if ratio == 1.0 and not quieter:
@@ -158,13 +142,7 @@ def reweighed(calibration: Calibration, model: Fit) -> Calibration | None:
 
 
 def restated(calibration: Calibration, model: Fit) -> Calibration | None:
-    """The same calibration without the statements that the data refute beside effects; None where they refute none.
-
-    Beside a large effect that is not in the model yet, wrong frames and σ's explain little, and keep their place.
-
-    Args:
-        model: geometry and effects, fitted together to the rows that count.
-    """
+    """The same calibration without the statements that the data refute beside effects; None where they refute none."""
     request, effects = calibration.request, model.effects
     if not effects:
         return None
@@ -186,15 +164,10 @@ def of_problem(calibration: Calibration, problem: ProblemData) -> Calibration:
 
 @dataclass(frozen=True)
 class _Scatter:
-    """What another fit of the same rows has shown of how they scatter.
+    """What another fit of the same rows has shown of how they scatter."""
 
-    Args:
-        turning: σ of orientations over the stated one; None where the fit is to show it.
-        noise: the most that the noise is, in units of the instrument's.
-    """
-
-    turning: float | None = None
-    noise: float = np.inf
+    turning: float | None = None  # σ of orientations over the stated one; None where the fit is to show it
+    noise: float = np.inf  # the most that the noise is, in units of the instrument's
 
 
 _UNSEEN = _Scatter()
@@ -203,7 +176,6 @@ _UNSEEN = _Scatter()
 def _calibration_of(
     request: FitRequest, by: By, priors: bool, report_step: Callable[[], None], seen: _Scatter = _UNSEEN
 ) -> tuple[Calibration, Chart, _Fitted]:  # fmt: skip
-    """The calibration, and the arm as it was fitted."""
     problem, data, test, refit_frames = request.problem, request.data, request.test, request.refit_frames
     groups = groups_of(data, by, request.folds)
     parts = folds_of(groups, request.folds, by)
@@ -230,14 +202,6 @@ def _models(chart: Chart, fitted: _Fitted) -> dict[str, tuple[Residuals, Array]]
 def _weighed_arm(
     problem: ProblemData, data: Measurements, groups: int, priors: bool, seen: _Scatter
 ) -> tuple[Residuals, Chart, _Fitted, tuple[str, ...]]:
-    """The arm fitted to all rows, orientations weighed as they scatter beside positions, see `orientation_ratio`.
-
-    Args:
-        groups: how many groups of correlated rows there are.
-
-    Returns:
-        The residuals in the parameters of the file, the chart they were fitted in, the fit, and sentences.
-    """
     turning = seen.turning
     given, notes = arm_and_data(problem, data)
     given = replace(given, further={key: sigma * (turning or 1.0) for key, sigma in given.further.items()})
@@ -253,17 +217,7 @@ def _weighed_arm(
 def stated_errors(
     problem: ProblemData, data: Measurements, *, folds: int = 5, by: By | None = None
 ) -> tuple[Array, Mask]:
-    """What `calibrate` finds of the arm as its file states it: position errors (N, 3) [m], and the rows that count.
-
-    Nothing is fitted but what the file leaves free, and the offsets of several targets and touched points, which no
-    file states; they are predicted without the group of each row. Outliers of the calibrated arm do not count.
-
-    Args:
-        folds, by: of the cross-validation, as in `calibrate`.
-
-    Raises:
-        InsufficientDataError: all rows are of one group, so that none can be predicted without it.
-    """
+    """What `calibrate` finds of the arm as its file states it: position errors (N, 3) [m], and the rows that count."""
     problem, _ = consistent_problem(problem, data, priors=True)
     residuals = Chart.of(arm_and_data(problem, data)[0]).fitted
     by = by or default_by(data)
@@ -276,11 +230,7 @@ def stated_errors(
 
 
 def default_by(data: Measurements) -> By:
-    """What a cross-validation leaves out together where none is stated.
-
-    Positions are left out pose by pose, those along a moving path stretch by stretch; touched points place by place, as
-    all touches of a place share its position; of one place alone, pose by pose.
-    """
+    """What a cross-validation leaves out together where none is stated."""
     if data.touches and len(data.point_names) == 1:
         return "pose"
     return "stretch" if moves(data) and not data.touches else data.kind.held_out_by
@@ -288,18 +238,12 @@ def default_by(data: Measurements) -> By:
 
 @dataclass(frozen=True, eq=False)
 class _Fitted:
-    """An arm fitted to all rows.
+    """An arm fitted to all rows."""
 
-    Args:
-        x_nominal: (k,) deviations [rad, m] with only the free frames fitted.
-        known: what the data and the prior determine; found: the estimate.
-        held: the length that is held as the size of the arm; None where the data determine it.
-    """
-
-    x_nominal: Array
-    known: FitSetup
+    x_nominal: Array  # (k,) deviations [rad, m] with only the free frames fitted
+    known: FitSetup  # what the data and the prior determine; found: the estimate
     found: Fit
-    held: int | None
+    held: int | None  # the length that is held as the size of the arm; None where the data determine it
     notes: tuple[str, ...]
 
     @property
@@ -312,14 +256,6 @@ def _fit_arm(
     problem: ProblemData, residuals: Residuals, groups: int, priors: bool, *, enough: bool = False,
     noise: float = np.inf,
 ) -> _Fitted:  # fmt: skip
-    """The free frames, then everything that the data determine; ``groups`` counts groups of correlated rows.
-
-    ``enough`` says that the data are known to suffice, and to be of this arm; ``noise`` is as of `_Scatter`.
-
-    Raises:
-        InputError: the data are not of this arm.
-        InsufficientDataError: too few rows, or no length to hold.
-    """
     x_nominal = fit_frames(residuals)
     held = held_length(residuals, priors)
     check_size(residuals, held_length(residuals, priors=False))
@@ -340,25 +276,21 @@ def _fit_arm(
 def _settled_estimate(
     problem: ProblemData, residuals: Residuals, x: Array, known: FitSetup, held: int | None, priors: bool
 ) -> tuple[FitSetup, Fit]:
-    """The estimate, and what is determined with the noise that it leaves.
-
-    An arm far off its drawing bends away from its tangents, which looks like noise until it is fitted: then the same
-    directions are judged again.
-
-    The loop ends when the noise falls by less than half, after `_NOISE_ROUNDS` rounds at the most.
-    """
-    for _ in range(_NOISE_ROUNDS):
+    # 3 of fitting and judging the noise anew
+    for _ in range(3):
         found = estimate_parameters(residuals, x, known.directions, known.prior, weight=1.0, design=known.design)
         again = determine_directions(problem, residuals, x, held, priors, found)
         if again.noise > known.noise / 2:
             break
         known = again
-    for _ in range(_TOLERANCE_ROUNDS * bool(np.isfinite(known.assumed).any())):
+    # 6 of fitting, and judging anew how far parts are from nominal.
+    for _ in range(6 * bool(np.isfinite(known.assumed).any())):
         widths = widths_of_data(found, known.widths)
         change = np.nanmax(np.abs(widths.typical / known.widths.typical - 1))
         known = determine_directions(problem, residuals, x, held, priors, found, widths)
         found = estimate_parameters(residuals, x, known.directions, known.prior, weight=1.0, design=known.design)
-        if change < _TOLERANCE_CHANGE:
+        # 0.05 of a tolerance: less is far below what a handful of parameters say of it.
+        if change < 0.05:
             break
     return known, found
 
@@ -374,7 +306,6 @@ def _assemble_calibration(
     test: OtherFile | None,
     notes: tuple[str, ...],
 ) -> Calibration:
-    """The calibration in the parameters of the file; ``predicted`` are the nominal and the calibrated arm's errors."""
     residuals, known, kept = chart.fitted, fitted.known, fitted.found.kept
     found = with_clustered_errors(fitted.found) if known.design > 1 else fitted.found
     nominal, calibrated = predicted
@@ -403,10 +334,7 @@ def _assemble_calibration(
 
 
 def recount_rows(calibration: Calibration, kept: Mask) -> Calibration:
-    """The same estimate with other rows (N,) that count: the errors of both models are predicted anew, fold by fold.
-
-    The estimate itself stays the one that did without them.
-    """
+    """The same estimate with other rows (N,) that count: the errors of both models are predicted anew, fold by fold."""
     request, by, fit = calibration.request, calibration.by, replace(calibration.fit, kept=kept)
     groups = groups_of(request.data, by, request.folds)
     parts = folds_of(groups, request.folds, by)
@@ -420,11 +348,9 @@ def recount_rows(calibration: Calibration, kept: Mask) -> Calibration:
 
 
 def _step_reporter(progress: Progress | None, total: int) -> Callable[[], None]:
-    """A callable that reports one more of ``total`` fits at each call; nothing without a ``progress``."""
     done = count(1)
     return lambda: progress(next(done), total) if progress is not None else None
 
 
 def _unconverged_note(fits: int, rounds: int) -> tuple[str, ...]:
-    """A sentence where fits of the cross-validation did not converge, ``rounds`` of them in all."""
     return (f"{fits} of the {rounds} fits of the cross-validation did not converge",) if fits else ()

@@ -17,11 +17,7 @@ from posture_opt.calibration.estimation.effects_fit import fit_with_effects
 from posture_opt.calibration.estimation.error_statistics import By, Statistics
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.fit_request import FitRequest
-from posture_opt.calibration.estimation.identifiability import (
-    ANGLE_TOLERANCE_RAD,
-    LENGTH_TOLERANCE_M,
-    Identifiability,
-)
+from posture_opt.calibration.estimation.identifiability import ANGLE_TOLERANCE_RAD, LENGTH_TOLERANCE_M, Identifiability
 from posture_opt.calibration.estimation.parameters import Parameter
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.calibration.instrument_scatter import InstrumentScatter, instrument_scatter
@@ -322,7 +318,6 @@ class Calibration(Result):
         return document
 
     def _parameter(self, i: int) -> dict[str, Json]:
-        """The entry of parameter i under ``parameters``: SI values, None in place of NaN."""
         p, known = self.parameters[i], bool(self.fixed[i])
         values = {"std": self.std[i], "prior": self.prior[i], "z": self.z[i], "p_value": self.p_values[i]}
         return {
@@ -335,7 +330,6 @@ class Calibration(Result):
         }
 
     def _correlations(self) -> list[dict[str, Json]]:
-        """Pairs of estimates that are correlated closely."""
         C, names = self.correlation, [p.name for p in self.parameters]
         pairs = np.argwhere(np.triu(np.abs(C) > CORRELATION_SHOWN, 1))
         return [{"parameters": [names[i], names[j]], "correlation": float(C[i, j])} for i, j in pairs]
@@ -344,11 +338,7 @@ class Calibration(Result):
 def calibrated_parts(
     problem: ProblemData | Calibration, data: Measurements | None, calibration: Calibration | None
 ) -> tuple[ProblemData, Measurements, Calibration]:
-    """What a function of a calibration was given: the calibration alone, or its problem and measurements before it.
-
-    Raises:
-        TypeError: a calibration and something beside it, or no calibration.
-    """
+    """What a function of a calibration was given: the calibration alone, or its problem and measurements before it."""
     if isinstance(problem, Calibration) and data is None and calibration is None:
         return problem.request.problem, problem.request.data, problem
     if isinstance(problem, Calibration) or data is None or calibration is None:

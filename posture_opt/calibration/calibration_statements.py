@@ -32,9 +32,7 @@ CORRELATION_SHOWN = 0.9
 _MAX_LISTED = 3
 _WRONG_DISTANCE, _MAX_DISTANCES = 4.0, 3  # σ's from which on a stated distance is doubted, and how many are listed
 _MIN_TURN_RAD = math.radians(0.01)  # less is no turn that anyone would correct
-_MIN_OUTLIER_RUN = 4  # outliers that follow each other, which instruments do not make
 ELSEWHERE = 20  # times the errors at home: no arm drifts that far
-_NEGLIGIBLE_UNCERTAINTY = 0.1  # of what a fit leaves: its standard errors then hardly count
 
 
 def doubts(found: Calibration) -> list[Statement]:
@@ -56,13 +54,11 @@ def doubts(found: Calibration) -> list[Statement]:
 
 
 def _some(texts: Sequence[str]) -> tuple[str, ...]:
-    """The first texts of a list, and how many more there are."""
     more = len(texts) - _MAX_LISTED
     return (*texts[:_MAX_LISTED], *([f"{more} more"] if more > 0 else []))
 
 
 def _preset(found: Calibration) -> list[Statement]:
-    """Link lengths that are those of another preset."""
     other = found.other_preset
     if other is None:
         return []
@@ -73,7 +69,6 @@ def _preset(found: Calibration) -> list[Statement]:
 
 
 def _contradiction(one: Contradiction) -> Statement:
-    """A coupling, a σ or a frame that the data refute, with what setting it aside brings."""
     gain = {"before": Quantity(one.rms_stated), "after": Quantity(one.rms)}
     if isinstance(one.cause, JointCoupling):
         ratio, std, _ = one.estimate["ratio"]
@@ -87,7 +82,6 @@ def _contradiction(one: Contradiction) -> Statement:
 
 
 def _off(one: Contradiction) -> tuple[str, ...]:
-    """How far a frame is off, and how far it is turned where that is more than 0.01 deg and three standard errors."""
     (shift, std), (turn, error) = (_norm(one, unit) for unit in ("m", "rad"))
     texts = [str(Quantity(shift, "length", std))] if shift else []
     return (*texts, str(Quantity(turn, "angle", error))) if turn > max(_MIN_TURN_RAD, 3 * error) else tuple(texts)
@@ -104,7 +98,6 @@ def _norm(one: Contradiction, unit: str) -> tuple[float, float]:
 
 
 def _distances(found: Calibration) -> list[Statement]:
-    """Stated distances between touched points that the calibrated arm does not meet, the farthest off first."""
     errors, names = found.residuals.distance_errors(found.x), found.residuals.data.place_names
     said = []
     for i in [i for i in np.argsort(-np.abs(errors)).tolist() if abs(errors[i]) > _WRONG_DISTANCE][:_MAX_DISTANCES]:
@@ -117,11 +110,7 @@ def _distances(found: Calibration) -> list[Statement]:
 
 
 def instrument(found: Calibration, nominal: bool) -> list[Statement]:
-    """That the instrument is worse than the arm, and how sure it is then that calibration helps.
-
-    Args:
-        nominal: whether the nominal arm is delivered in place of the calibrated one.
-    """
+    """That the instrument is worse than the arm, and how sure it is then that calibration helps."""
     scatter, probability = found.instrument_scatter, found.better_than_nominal
     kept = nominal and not found.predicts_better
     said = [state("calibration.nominal-kept-no-gain")] if kept else []
@@ -142,11 +131,7 @@ def instrument(found: Calibration, nominal: bool) -> list[Statement]:
 
 
 def rows_in_time(data: Measurements, start: StartUp | None, change: ScatterChange | None = None) -> list[Statement]:
-    """What is odd along the rows: a clock that starts anew, first rows that are off, scatter that changes.
-
-    Args:
-        start: first rows that are farther off than the rest; ``change`` where the scatter changes, said in its stead.
-    """
+    """What is odd along the rows: a clock that starts anew, first rows that are off, scatter that changes."""
     said = []
     if data.time is not None and data.visit is None and len(back := rows_back_in_time(data.time, data.robot)):
         said.append(state("calibration.clock-restarts", lines=listed_lines([int(line) for line in data.line[back]])))
@@ -174,7 +159,8 @@ def left_out(found: Calibration, lines: Sequence[int]) -> list[Statement]:
     if not lines:
         return []
     run, listed = found.outliers_at_ends, listed_lines(lines)
-    if run < _MIN_OUTLIER_RUN:
+    # 4 outliers that follow each other, which instruments do not make
+    if run < 4:
         return [state("calibration.outliers", lines=listed)]
     return [state("calibration.outliers-at-end", lines=listed, run=run)]
 
@@ -186,7 +172,8 @@ def thinned(large: LargeFile | None) -> list[Statement]:
     models = {name: Quantity(large.models[name].rms) for name in ("nominal", "calibrated")}
     rows = len(large.thinning.data)
     share = large.uncertainty / max(large.left, 1e-300)
-    which = "thinning-suffices" if share < _NEGLIGIBLE_UNCERTAINTY else "thinning-limits"
+    # 0.1 of what a fit leaves: its standard errors then hardly count
+    which = "thinning-suffices" if share < 0.1 else "thinning-limits"
     moves = {"moves": Quantity(large.uncertainty), "share": Quantity(share, "share")}
     return [
         state("calibration.thinned", used=len(large.thinning.rows), rows=rows, **models),
@@ -217,7 +204,6 @@ def statements_of(found: Calibration) -> tuple[Statement, ...]:
 
 
 def _test(found: Calibration) -> list[Statement]:
-    """Whether the calibration holds on a test file, and that base or instrument may have been moved."""
     if found.test is None:
         return []
     errors = {name: Quantity(found.test.models[name].rms) for name in ("nominal", "calibrated")}
@@ -228,7 +214,6 @@ def _test(found: Calibration) -> list[Statement]:
 
 
 def _parameters(found: Calibration) -> list[Statement]:
-    """Parameters that differ from nominal, those beyond tolerances, and estimates that depend on each other."""
     geometry = [i for i, p in enumerate(found.parameters) if p.group == "geometry"]
     tested = [i for i in geometry if math.isfinite(found.z[i])]
     said = []
@@ -253,5 +238,4 @@ def _parameters(found: Calibration) -> list[Statement]:
 
 
 def _error(found: Calibration, i: int) -> Quantity:
-    """How far parameter i is off the file."""
     return Quantity(float(found.x[i]), DIMENSIONS[found.parameters[i].unit], float(found.std[i]))

@@ -1,9 +1,4 @@
-"""Errors where nothing was seen: every group of rows predicted by an arm fitted to the others, or by another file.
-
-The others are fitted anew, exactly (`refitted_errors`), or to first order about the fit to all rows (`held_out`). Every
-fold then fits geometry and the sizes of effects; where effects were chosen by the same rows, their choice belongs into
-the folds too (`linear_held_out_errors`, by models of their own).
-"""
+"""Errors where nothing was seen: every group of rows predicted by an arm fitted to the others, or by another file."""
 
 from __future__ import annotations
 
@@ -28,20 +23,15 @@ _INFORMATION_TOLERANCE = (
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """Position errors of every row by a model that has not seen its group, and whether they were expected.
+    """Position errors of every row by a model that has not seen its group, and whether they were expected."""
 
-    Args:
-        errors: (N, 3) model minus measured [m], world.
-        inside: (N,) in the 95 % region that the errors of the other rows lead one to expect, and what these leave
-            unknown of the parameters.
-        shape: (N, axes, axes) covariance of noise at each row, up to a factor, where it is not the same at all rows.
-        unsettled: how many fits did not converge.
-    """
-
-    errors: Array
+    errors: Array  # (N, 3) model minus measured [m], world
+    # (N,) in the 95 % region that the errors of the other rows lead one to expect, and what these leave unknown of the
+    # parameters
     inside: Mask
+    # (N, axes, axes) covariance of noise at each row, up to a factor, where it is not the same at all rows
     shape: Array | None = None
-    unsettled: int = 0
+    unsettled: int = 0  # how many fits did not converge
 
     @property
     def rms(self) -> float:
@@ -64,17 +54,7 @@ def refitted_errors(
 ) -> HeldOut:
     """Every row by an arm that was fitted to the other folds: all that was fitted to all rows, or free frames alone.
 
-    Args:
-        found: the estimate from all rows: its outliers teach nothing, and the fits start near it.
-        report_step: is called after each fit.
-        frames: fit free frames and nothing else.
-        residuals: the arm against all rows, outliers included; folds: the rows that each leaves out.
-
-    Returns:
-        Errors (N, 3) [m] of every row, and whether it lies in its predicted 95 % region.
-
-    Raises:
-        InsufficientDataError: a fold leaves none of the rows that count.
+    Returns Errors (N, 3) [m] of every row, and whether it lies in its predicted 95 % region.
     """
     data = residuals.data
     errors, inside, not_converged = np.zeros((len(data), 3)), np.zeros(len(data), dtype=bool), 0
@@ -104,15 +84,7 @@ def held_out(
     model: Fit, folds: Folds, without: int | None = None, shape: Array | None = None,
     about: LinearModel | None = None,
 ) -> HeldOut:  # fmt: skip
-    """Errors of a model refitted to the other rows of each fold, to first order about its estimate.
-
-    The cost is one eigendecomposition (p, p) a fold, p the number of columns, in place of a nonlinear fit.
-
-    About the estimate of all rows the model is linear to well below the noise: leaving a fold out moves a
-    parameter by a fraction of its standard error. Shapes stay where they are. ``without`` leaves one effect out;
-    ``about`` is the linear model where it is known.
-    ``shape`` (N, axes, axes) is the covariance that noise gives the rows, up to a factor.
-    """
+    """Errors of a model refitted to the other rows of each fold, to first order about its estimate."""
     linear = about or LinearModel.of(model)
     return linear_held_out_errors(model.residuals, [(left_out, linear) for left_out in folds], without, shape)
 
@@ -142,13 +114,9 @@ def _expected_covariance(
 ) -> tuple[Array, float]:
     """Covariance (n, axes, axes) [m²] of the errors of n rows left out, and how many others it is estimated from.
 
-    Noise as the other rows have it, and the error of the parameters fitted to them: the leverage of a row. A parameter
-    takes from each coordinate what its leverage there is.
-
-    Args:
-        r: (m,) residuals by the refitted model.
-        unit_steps: (m, p) columns for parameters of variance one each, for residuals of variance one.
-        root: (N, axes, axes) of the covariance of noise, up to a factor, where it is not the same at all rows.
+    r (m,) residuals by the refitted model; unit_steps (m, p) columns for parameters of variance one each, for residuals
+    of variance one; root (N, axes, axes) of the covariance of noise, up to a factor, where it is not the same at all
+    rows.
     """
     N, block, d = len(residuals.data), residuals.block, len(residuals.axes)
     learn = np.setdiff1d(np.arange(N), left_out)
@@ -169,9 +137,9 @@ def _expected_covariance(
 def refit_of_fold(linear: LinearModel, r: Array, kept: Codes, left_out: Codes) -> tuple[Array, Array]:
     """The least squares step of columns ``kept`` for all residuals (m,) but those left out.
 
-    In the orthonormal basis U of all rows, those that stay have the normal matrix ``I - FᵀF = V diag(e) Vᵀ`` where F
-    is what U has in the rows left out: ``diag(√e) Vᵀ K`` replaces the columns in the rows that stay. Returned are the
-    step and the root of its covariance (k, p), for residuals of variance one.
+    In the orthonormal basis U of all rows, those that stay have the normal matrix ``I - FᵀF = V diag(e) Vᵀ`` where F is
+    what U has in the rows left out: ``diag(√e) Vᵀ K`` replaces the columns in the rows that stay. Returned are the step
+    and the root of its covariance (k, p), for residuals of variance one.
     """
     F, K = linear.U[left_out], linear.K[:, kept]
     values, V = np.linalg.eigh(np.eye(F.shape[1]) - F.T @ F)
@@ -192,14 +160,7 @@ def judged_rows(residuals: Residuals, rows: Codes) -> Codes:
 
 
 def positions_of(residuals: Residuals, r: Array, rows: Codes) -> Array:
-    """Errors (rows, axes) [m] of rows that a fit has not seen.
-
-    The place of a touched point is not known: errors count from the mean of all its touches, see
-    `Measurements.held_out_touches`. From that of the few that one fold leaves out they would be too small.
-
-    Args:
-        r: residuals of `judged_rows`, (n·block,).
-    """
+    """Errors (rows, axes) [m] of rows that a fit has not seen. r: residuals of `judged_rows`, (n·block,)."""
     judged = judged_rows(residuals, rows)
     e = residuals.metres(r.reshape(-1, residuals.block)[:, : len(residuals.axes)], judged)
     return residuals.data.held_out_touches(e)[rows] if residuals.data.touches else e
@@ -217,9 +178,6 @@ def _inside_regions(
 ) -> Mask:
     """Whether errors (n, 3) of ``rows`` lie in the 95 % regions that other rows' errors ``taught`` (m, d) lead one to
     expect.
-
-    They hold the scatter of those, and what is not known of the parameters; Hotelling's distribution, as the scatter
-    itself is estimated.
     """
     e, d = errors[:, residuals.axes], len(residuals.axes)
     frames = sum(p.group != "geometry" for p in residuals.parameters)

@@ -12,8 +12,6 @@ from posture_opt.measurements.repeats import SAME_POSTURE_RAD
 from posture_opt.numerics import Array, Codes, Json
 from posture_opt.statements import Statement, state
 
-_WARMEST_C = 60.0
-"""°C of cells in which arms are measured, at the most: data sheets allow 45 to 55 °C."""
 _MIN_SIDES, _CONTRADICTING_SHARE = 20, 0.9
 """Moves that state a side, and the share of them against the order of the rows that is no chance."""
 
@@ -27,11 +25,9 @@ class Doubt:
 
     @property
     def statement(self) -> Statement:
-        """What it says."""
         return state(f"calibration.doubt-{self.id}", **self.values)
 
     def to_json(self) -> dict[str, Json]:
-        """The entry of ``doubts``."""
         return {"id": self.id, **self.values}
 
 
@@ -41,7 +37,8 @@ def doubts_about(data: Measurements) -> tuple[Doubt, ...]:
     copies = len(data) - len(_first_rows(data))
     if copies:
         found.append(Doubt("copies", {"rows": copies, "of": len(data)}))
-    if data.temperature is not None and float(data.temperature.max()) > _WARMEST_C:
+    # 60.0 °C of cells in which arms are measured, at the most: data sheets allow 45 to 55 °C.
+    if data.temperature is not None and float(data.temperature.max()) > 60.0:
         low, high = float(data.temperature.min()), float(data.temperature.max())
         found.append(
             Doubt("fahrenheit", {"low": low, "high": high, "low_if_f": _celsius(low), "high_if_f": _celsius(high)})
@@ -59,7 +56,6 @@ def without_copies(data: Measurements) -> Measurements:
 
 
 def _first_rows(data: Measurements) -> Codes:
-    """The rows whose every number is not that of a row before; all of them where nothing was measured by position."""
     if data.position is None or data.lever is not None:
         return np.arange(len(data))
     logged = [v for v in (data.rotation, data.payload, data.temperature, data.time) if v is not None]
@@ -70,7 +66,6 @@ def _first_rows(data: Measurements) -> Codes:
 
 
 def _contradicted_sides(data: Measurements) -> tuple[int, int]:
-    """How many stated sides of approach are against the move from the row before, and how many moves state one."""
     if not data.approach_given:
         return 0, 0
     step, side = np.diff(data.q[data.order], axis=0), data.approach[data.order][1:]

@@ -18,8 +18,6 @@ _TOLERANCE_NOTE = (
     "parts are taken to be within manufacturing tolerance of nominal, as wide as the data suggest (one σ: {})"
 )
 _STAY_NOTE = "the data hardly improve, so that they stay near nominal: {}"
-_MAX_NAMED = 12
-"""Parameters that a sentence names."""
 
 
 def size_notes(residuals: Residuals, held: int | None) -> tuple[str, ...]:
@@ -47,5 +45,6 @@ def tolerance_notes(residuals: Residuals, known: FitSetup) -> tuple[str, ...]:
     widths = zip(parameters, sorts_of_parts(residuals, own), known.assumed[own], strict=True)
     text = ", ".join(dict.fromkeys(f"{TOLERANCES[sort].noun} {1e3 * sigma:.2g} m{p.unit}" for p, sort, sigma in widths))
     names = [residuals.parameters[i].name for i in own if not known.fixed[i]]
-    stay = (_STAY_NOTE.format(listed(names, _MAX_NAMED)),) if names else ()
+    # 12 parameters that a sentence names.
+    stay = (_STAY_NOTE.format(listed(names, 12)),) if names else ()
     return (_TOLERANCE_NOTE.format(text), *stay)

@@ -13,26 +13,18 @@ from posture_opt.numerics import Json, rms
 
 @dataclass(frozen=True)
 class InstrumentScatter:
-    """One reading: what is left of it after calibration, against what errors of the arm make of it.
+    """One reading: what is left of it after calibration, against what errors of the arm make of it."""
 
-    Args:
-        scatter: standard deviation of a reading about the calibrated arm [unit].
-        arm: RMS change of a reading by errors of the nominal arm, with free frames and places fitted [unit].
-        unit: SI unit of both; ``noun`` what is read, in plural.
-    """
-
-    scatter: float
-    arm: float
-    unit: str
+    scatter: float  # standard deviation of a reading about the calibrated arm [unit]
+    arm: float  # RMS change of a reading by errors of the nominal arm, with free frames and places fitted [unit]
+    unit: str  # SI unit of both; ``noun`` what is read, in plural
     noun: str
 
     @property
     def exceeds(self) -> bool:
-        """Whether a reading says more of the instrument than of the arm."""
         return self.scatter > self.arm
 
     def to_json(self) -> dict[str, Json]:
-        """The part ``instrument_scatter`` of ``calibration.json``."""
         return {"scatter": self.scatter, "arm": self.arm, "unit": self.unit, "exceeds_arm": self.exceeds}
 
 
@@ -41,8 +33,7 @@ def instrument_scatter(fit: Fit, x_nominal: np.ndarray) -> InstrumentScatter | N
 
     Of variances s² after calibration and s₀² before, each per degree of freedom, the arm's part is ``√(s₀² − s²)``.
 
-    Args:
-        x_nominal: (k,) deviations with only free frames and places fitted [rad, m].
+    x_nominal (k,) deviations with only free frames and places fitted [rad, m].
     """
     used = fit.residuals.take(np.flatnonzero(fit.kept))
     kind = used.data.kind

@@ -19,53 +19,36 @@ from posture_opt.selection.problem_data import ProblemData
 
 @dataclass(frozen=True)
 class FurtherReading:
-    """What an instrument reads beside the numbers in which errors count: of poses the orientation.
+    """What an instrument reads beside the numbers in which errors count: of poses the orientation."""
 
-    Args:
-        sigma: as stated [unit]; scatter: by what the fit leaves; p_value: of one as far from the other by chance.
-    """
-
-    sigma: float
+    sigma: float  # as stated [unit]; scatter: by what the fit leaves; p_value: of one as far from the other by chance
     unit: str
     scatter: float
     p_value: float
 
     def to_json(self) -> dict[str, Json]:
-        """Its entry in that of the instrument."""
         p_value = self.p_value if isfinite(self.p_value) else None
         return {"sigma": self.sigma or None, "unit": self.unit, "scatter": self.scatter, "p_value": p_value}
 
 
 @dataclass(frozen=True)
 class Instrument:
-    """One kind of measurement in a calibration.
+    """One kind of measurement in a calibration."""
 
-    Args:
-        kind: its name; ``noun`` what its rows are.
-        rows: how many count.
-        rms: of the held-out errors of the calibrated arm [unit]; ``sigma`` as stated, 0 where nothing is.
-        unit: SI unit of both.
-        places: plane, anchor or point -> what was found of it, world [m, rad].
-        blind_spot: what such data cannot show, and what to add; empty where they show all.
-        scatter: σ of a reading by what the fit leaves, beside other instruments [unit]; 0 where it was not estimated.
-        p_value: of a scatter as far from the stated σ by chance; NaN without either.
-        further: what else it reads, by its key.
-    """
-
-    kind: str
+    kind: str  # its name; ``noun`` what its rows are
     noun: str
-    rows: int
-    rms: float
+    rows: int  # how many count
+    rms: float  # of the held-out errors of the calibrated arm [unit]; ``sigma`` as stated, 0 where nothing is
     sigma: float
-    unit: str
-    places: Mapping[str, Mapping[str, Json]]
-    blind_spot: str = ""
+    unit: str  # SI unit of both
+    places: Mapping[str, Mapping[str, Json]]  # plane, anchor or point -> what was found of it, world [m, rad]
+    blind_spot: str = ""  # what such data cannot show, and what to add; empty where they show all
+    # σ of a reading by what the fit leaves, beside other instruments [unit]; 0 where it was not estimated
     scatter: float = 0.0
-    p_value: float = nan
-    further: Mapping[str, FurtherReading] = field(default_factory=dict)
+    p_value: float = nan  # of a scatter as far from the stated σ by chance; NaN without either
+    further: Mapping[str, FurtherReading] = field(default_factory=dict)  # what else it reads, by its key
 
     def to_json(self) -> dict[str, Json]:
-        """The entry under ``instruments`` of ``calibration.json``."""
         document: dict[str, Json] = {
             "kind": self.kind,
             "rows": self.rows,
@@ -84,8 +67,7 @@ def instruments_of(
 ) -> dict[str, Instrument]:
     """The instruments of a calibration by name.
 
-    Args:
-        residuals: of all rows; fit: to those that count; errors: (N, 3) held-out errors [m]; kept: rows that count.
+    residuals: of all rows; fit: to those that count; errors: (N, 3) held-out errors [m]; kept: rows that count.
     """
     data, kind, x = residuals.data, residuals.data.kind, fit.x
     if data.part is not None:
@@ -102,7 +84,6 @@ def instruments_of(
 
 
 def _further_readings(problem: ProblemData, residuals: Residuals, fit: Fit, kept: Codes) -> dict[str, FurtherReading]:
-    """What the one instrument of a file reads beside; arguments are those of `instruments_of`."""
     further, block = residuals.data.kind.further, residuals.block
     group = np.array([1 + k for k, one in enumerate(further) for _ in one.slots])
     every = np.tile(np.r_[np.zeros(len(residuals.axes), dtype=np.intp), group], len(residuals.data))
@@ -118,7 +99,6 @@ def _further_readings(problem: ProblemData, residuals: Residuals, fit: Fit, kept
 def _of_mixed(
     problem: ProblemData, residuals: Residuals, fit: Fit, errors: Array, kept: Codes
 ) -> dict[str, Instrument]:
-    """Each instrument of a file that mixes some; arguments are those of `instruments_of`."""
     data, values = residuals.data, residuals.places(fit.x)
     assert isinstance(data.kind, Mixed), "a file of several instruments"
     assert data.part is not None, "a file of several instruments"
@@ -144,7 +124,6 @@ def _of_mixed(
 def _scatters(
     problem: ProblemData, residuals: Residuals, fit: Fit, kept: Codes
 ) -> Iterator[tuple[Codes, FurtherReading]]:
-    """Of each quantity of a mixed file its rows that count, and how far these scatter."""
     data = residuals.data
     assert isinstance(data.kind, Mixed), "a file of several instruments"
     assert data.part is not None, "a file of several instruments"
@@ -174,7 +153,6 @@ def variance_components(fit: Fit, kept: Codes, group: Codes) -> list[tuple[float
 
 
 def _chance(variance: float, freedom: float) -> float:
-    """Probability of a residual variance as far from 1, in either direction, where the stated σ is right."""
     from scipy.special import gammainc
 
     below = float(gammainc(freedom / 2, variance * freedom / 2))

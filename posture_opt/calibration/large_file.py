@@ -14,30 +14,20 @@ from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.measurements.thinning import Thinning
 from posture_opt.numerics import Array, Json
 
-_SAMPLED_ROWS = 2000  # rows: enough for the mean of what parameters do to the tool
-
 
 @dataclass(frozen=True, eq=False)
 class LargeFile:
-    """The rows of a file that taught a model, and those that judge it.
+    """The rows of a file that taught a model, and those that judge it."""
 
-    Args:
-        thinning: which rows were used.
-        models: position errors of the rows left out, by model [m].
-        uncertainty: root mean square of what the standard errors of the fit move the tool by [m]; of n times as many
-            rows it would be smaller by √n.
-    """
-
-    thinning: Thinning
-    models: Mapping[str, Statistics]
+    thinning: Thinning  # which rows were used
+    models: Mapping[str, Statistics]  # position errors of the rows left out, by model [m]
+    # root mean square of what the standard errors of the fit move the tool by [m]; of n times as many rows it would be
+    # smaller by √n
     uncertainty: float
 
     @classmethod
     def of(cls, thinning: Thinning, models: Mapping[str, tuple[Residuals, Array]], fit: Fit) -> LargeFile:
-        """The rows that are left out, predicted by models, each residuals and deviations (k,).
-
-        ``fit`` is the one in question.
-        """
+        """The rows that are left out, predicted by models, each residuals and deviations (k,)."""
         clocked, rest = thinning.clocked, thinning.rest
         errors = {
             name: position_errors(residuals.of_data(clocked).take(rest), x) for name, (residuals, x) in models.items()
@@ -52,7 +42,6 @@ class LargeFile:
         return list(self.models.values())[-1].rms
 
     def to_json(self) -> dict[str, Json]:
-        """The part ``thinned`` of a document."""
         return {
             **self.thinning.to_json(),
             "left_out": {name: statistics.to_json() for name, statistics in self.models.items()},
@@ -63,7 +52,8 @@ class LargeFile:
 def tool_uncertainty(fit: Fit) -> float:
     """Root mean square over the rows of what the standard errors of a fit move the tool by [m]: ``√ tr(J C Jᵀ)``."""
     used = fit.residuals
-    some = used.take(np.unique(np.linspace(0, len(used.data) - 1, _SAMPLED_ROWS).astype(np.intp)))
+    # 2000 rows: enough for the mean of what parameters do to the tool
+    some = used.take(np.unique(np.linspace(0, len(used.data) - 1, 2000).astype(np.intp)))
     J = some.residuals_and_jacobian(fit.x)[1][: some.measured].reshape(len(some.data), some.block, -1)
     L = some.metres(J[:, : len(some.axes)]) @ fit.directions
     return float(np.sqrt(np.einsum("nij,jk,nik->", L, fit.C, L, optimize=True) / len(some.data)))

@@ -1,8 +1,4 @@
-"""What held-out rows lose when a part of a fitted arm is left out and everything else is fitted again.
-
-Every fold has one linear model of all columns. To leave some of them out is to hold their steps at zero, and what that
-makes of all others follows from their covariance: no column is fitted a second time.
-"""
+"""What held-out rows lose when a part of a fitted arm is left out and everything else is fitted again."""
 
 from __future__ import annotations
 
@@ -16,21 +12,13 @@ from posture_opt.calibration.estimation.linear_model import LinearModel
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.numerics import Array, Codes, rms_length
 
-_LEAST_VARIANCE = 1e-8
-"""Of the step of a column of unit length, which is one where the rows show it: less is that of one they do not show."""
-
 
 @dataclass(frozen=True, eq=False)
 class LeftOut:
-    """Errors on held-out rows with everything in the model, and with each part left out and all else fitted again.
+    """Errors on held-out rows with everything in the model, and with each part left out and all else fitted again."""
 
-    Args:
-        whole: (N, axes) [m] with everything.
-        without: (parts, N, axes) [m].
-    """
-
-    whole: Array
-    without: Array
+    whole: Array  # (N, axes) [m] with everything
+    without: Array  # (parts, N, axes) [m]
 
     @property
     def gains(self) -> Array:
@@ -42,11 +30,8 @@ class LeftOut:
 def leave_out(residuals: Residuals, linear: LinearModel, folds: Folds, parts: Sequence[Codes]) -> LeftOut:
     """Errors of the rows of each fold by the model fitted to the others, whole and without some of its columns.
 
-    With the estimate ``z`` of a fold and its covariance ``C`` (for residuals of variance one) the estimate under
-    ``z_g = 0`` is ``z − C[:, g] C[g, g]⁻¹ z_g`` (Lawson, Hanson 1974, chapter 22).
-
-    Args:
-        linear: of the whole arm; parts: indices of the columns that are left out together, each part by itself.
+    With the estimate ``z`` of a fold and its covariance ``C`` (for residuals of variance one) the estimate under ``z_g
+    = 0`` is ``z − C[:, g] C[g, g]⁻¹ z_g`` (Lawson, Hanson 1974, chapter 22).
     """
     n, axes, block = len(residuals.data), len(residuals.axes), residuals.block
     whole, without = np.zeros((n, axes)), np.zeros((len(parts), n, axes))
@@ -69,18 +54,11 @@ def leave_out(residuals: Residuals, linear: LinearModel, folds: Folds, parts: Se
 
 @dataclass(frozen=True, eq=False)
 class _Seen:
-    """What the rows of a fold show of a part, its columns counted in units of their length in all rows.
+    """What the rows of a fold show of a part, its columns counted in units of their length in all rows."""
 
-    A slip after which all rows are left out is not shown, nor would its estimate from all rows be a prediction.
-
-    Args:
-        lengths: (p,) of the columns; ``root`` (p, r) of the covariance of their steps in that unit.
-        Q, variances: (p, d) directions that are shown, and the variance of each (d,).
-    """
-
-    lengths: Array
+    lengths: Array  # (p,) of the columns; ``root`` (p, r) of the covariance of their steps in that unit
     root: Array
-    Q: Array
+    Q: Array  # Q, variances: (p, d) directions that are shown, and the variance of each (d,)
     variances: Array
 
     @classmethod
@@ -89,7 +67,9 @@ class _Seen:
         lengths = np.maximum(np.linalg.norm(linear.K[:, part], axis=0), 1e-300)
         root = lengths[:, None] * spread[part]
         values, Q = np.linalg.eigh(root @ root.T)
-        kept = values > _LEAST_VARIANCE
+        # 1e-8 of the step of a column of unit length, which is one where the rows show it: less is that of one they do
+        # not show.
+        kept = values > 1e-8
         return cls(lengths, root, Q[:, kept], values[kept])
 
     def shown(self, sizes: Array) -> Array:

@@ -15,33 +15,23 @@ from posture_opt.numerics import Array, Json, rms_length
 from posture_opt.robot.preset import load_preset, preset_names
 from posture_opt.robot.robot import Robot
 
-_LEAST_ERROR_M = 2e-3
-"""RMS error [m] of the arm of the file from which other lengths are tried: uncalibrated arms of the right type are off
-by 0.5 to 1.1 mm in the real sets, an arm of the next generation by 9 mm and more."""
-_ERROR_RATIO = 3.0
-"""How many times less the lengths of the right preset leave, at the least."""
 _SAME_ANGLE_RAD, _SAME_LENGTH_M = 1e-3, 1e-4
 """Angles of one structure, and lengths that are not worth a word, agree to this."""
 
 
 @dataclass(frozen=True)
 class OtherPreset:
-    """A preset whose lengths the data have.
+    """A preset whose lengths the data have."""
 
-    Args:
-        name: of the preset; ``title`` of the arm.
-        rms: of the position errors with its lengths, only free frames fitted [m]; ``stated`` with those of the file.
-        lengths: parameter -> (length of the file, of the preset [m]), those that differ.
-    """
-
-    name: str
+    name: str  # of the preset; ``title`` of the arm
     title: str
+    # of the position errors with its lengths, only free frames fitted [m]; ``stated`` with those of the file
     rms: float
     stated: float
+    # parameter -> (length of the file, of the preset [m]), those that differ
     lengths: Mapping[str, tuple[float, float]]
 
     def to_json(self) -> dict[str, Json]:
-        """The part ``other_preset`` of ``calibration.json`` and ``diagnosis.json`` [m]."""
         return {
             "name": self.name,
             "title": self.title,
@@ -53,15 +43,12 @@ class OtherPreset:
 def other_preset(residuals: Residuals, x_nominal: Array) -> OtherPreset | None:
     """The preset whose lengths explain the data where those of the file do not; None where there is none.
 
-    Presets of the same structure are tried: their lengths in place of the file's, free frames fitted again, everything
-    else as stated. The best counts if it leaves a third of the error, or less.
-
-    Args:
-        residuals: of the rows that count.
-        x_nominal: (k,) deviations [rad, m] with only the free frames fitted.
+    x_nominal (k,) deviations [rad, m] with only the free frames fitted.
     """
     stated = rms_length(position_errors(residuals, x_nominal))
-    if stated < _LEAST_ERROR_M:
+    # 2e-3 RMS error [m] of the arm of the file from which other lengths are tried: uncalibrated arms of the right type
+    # are off by 0.5 to 1.1 mm in the real sets, an arm of the next generation by 9 mm and more.
+    if stated < 2e-3:
         return None
     found = []
     for name in preset_names():
@@ -70,7 +57,8 @@ def other_preset(residuals: Residuals, x_nominal: Array) -> OtherPreset | None:
         if lengths:
             found.append(OtherPreset(name, preset.name, _error_with(residuals, x_nominal, lengths), stated, lengths))
     best = min(found, key=lambda one: one.rms, default=None)
-    return best if best is not None and best.rms * _ERROR_RATIO < stated else None
+    # 3.0 times: less the lengths of the right preset leave, at the least.
+    return best if best is not None and best.rms * 3.0 < stated else None
 
 
 def _other_lengths(robot: Robot, other: Robot) -> dict[str, tuple[float, float]]:

@@ -13,31 +13,19 @@ _WINDOW = 10
 """Rows of a window, whose RMS counts once: neighbours err alike."""
 _MIN_WINDOWS = 2
 """Windows on either side of the change."""
-_LEVEL = 1e-3
-"""Level of the test over all places together (Bonferroni)."""
-_MIN_RATIO = 1.5
-"""How many times larger errors are on one side, at the least: less changes nothing that is done."""
 
 
 @dataclass(frozen=True)
 class ScatterChange:
-    """Rows from some line on that are farther off than those before, or nearer.
+    """Rows from some line on that are farther off than those before, or nearer."""
 
-    Args:
-        line: of the first row behind the change, in the file.
-        before, after: RMS of the position errors [m].
-        p_value: corrected for the number of places.
-        points: touched points that only rows behind the change touch.
-    """
-
-    line: int
-    before: float
+    line: int  # of the first row behind the change, in the file
+    before: float  # before, after: RMS of the position errors [m]
     after: float
-    p_value: float
-    points: tuple[str, ...] = ()
+    p_value: float  # corrected for the number of places
+    points: tuple[str, ...] = ()  # touched points that only rows behind the change touch
 
     def to_json(self) -> dict[str, Json]:
-        """The part ``scatter_change`` of ``diagnosis.json`` [m]."""
         return {
             "line": self.line,
             "residual_rms": {"before": self.before, "after": self.after},
@@ -52,8 +40,7 @@ def scatter_change(errors: Array, data: Measurements) -> ScatterChange | None:
     The rows are cut into windows of `_WINDOW`, in the order in which they were measured. At each place between two
     windows the logarithms of their RMS on both sides are compared by Student's t of unequal variances (Welch 1947).
 
-    Args:
-        errors: (N, axes) position errors [m] that the model leaves; data: of these rows.
+    errors (N, axes) position errors [m] that the model leaves; data: of these rows.
     """
     order = data.order
     count = len(errors) // _WINDOW
@@ -67,7 +54,9 @@ def scatter_change(errors: Array, data: Measurements) -> ScatterChange | None:
     best = min(_p_of_means(y[:k], y[k:]) for k in places) * len(places)
     split = _likeliest_row(errors[order])
     before, after = rms_length(errors[order[:split]]), rms_length(errors[order[split:]])
-    if not best < _LEVEL or max(before, after) < _MIN_RATIO * min(before, after):
+    # 1e-3 level of the test over all places together (Bonferroni).
+    # 1.5 times: larger errors are on one side, at the least: less changes nothing that is done.
+    if not best < 1e-3 or max(before, after) < 1.5 * min(before, after):
         return None
     points: tuple[str, ...] = ()
     if data.touches:

@@ -24,19 +24,14 @@ Model = tuple[Residuals, Array]
 
 @dataclass(frozen=True, eq=False)
 class OtherFile:
-    """Position errors of several models on measurements that taught them nothing.
+    """Position errors of several models on measurements that taught them nothing."""
 
-    Args:
-        data: those measurements; ``errors`` by model (N, 3) model minus measured [m], the model in question last.
-        outside: (N,) rows with a joint outside the range in which the models were fitted; ``joints`` such joints.
-        refitted: whether base and tool were fitted again.
-    """
-
+    # those measurements; ``errors`` by model (N, 3) model minus measured [m], the model in question last
     data: Measurements
     errors: Mapping[str, Array]
-    outside: Mask
+    outside: Mask  # (N,) rows with a joint outside the range in which the models were fitted; ``joints`` such joints
     joints: tuple[str, ...] = ()
-    refitted: bool = False
+    refitted: bool = False  # whether base and tool were fitted again
 
     @cached_property
     def models(self) -> dict[str, Statistics]:
@@ -55,7 +50,6 @@ class OtherFile:
         return float(np.sqrt(squares.mean())) if len(squares) else float("nan")
 
     def to_json(self) -> dict[str, Json]:
-        """The part ``test`` of a document [m]."""
         document = {name: statistics.to_json() for name, statistics in self.models.items()}
         if self.outside.any():
             for name in self.models:
@@ -72,14 +66,7 @@ class OtherFile:
 def predict_other_file(
     models: Mapping[str, Model], learned: Measurements, other: Measurements, refit_frames: bool
 ) -> OtherFile:
-    """Errors of models on another file, nothing fitted to it, or base and tool alone if ``refit_frames``.
-
-    Args:
-        models: the one in question last; ``learned`` the rows that taught them.
-
-    Raises:
-        InputError: unknown targets, several robots, or too few poses to fit base and tool again.
-    """
+    """Errors of models on another file, nothing fitted to it, or base and tool alone if ``refit_frames``."""
     other = match_targets(learned, other)
     low, high = learned.q.min(axis=0) - _RANGE_TOLERANCE, learned.q.max(axis=0) + _RANGE_TOLERANCE
     out = (other.q < low) | (other.q > high)
@@ -91,9 +78,7 @@ def predict_other_file(
 def errors_on(model: Model, other: Measurements, refit_frames: bool) -> Array:
     """(N, 3) position errors [m] of a model on matched measurements; of touched points, about the mean of each.
 
-    Args:
-        model: residuals of the file it was fitted to, and its deviations (k,) [rad, m].
-        refit_frames: whether base and tool are fitted to the other file first.
+    model: residuals of the file it was fitted to, and its deviations (k,) [rad, m].
     """
     residuals, x = model
     kept = [i for i, p in enumerate(residuals.parameters) if p.group != "place"]  # places of a file are its own
@@ -104,11 +89,7 @@ def errors_on(model: Model, other: Measurements, refit_frames: bool) -> Array:
 
 
 def match_targets(learned: Measurements, other: Measurements) -> Measurements:
-    """Other measurements with the codes that their targets have in those that taught a model, matched by name.
-
-    Raises:
-        InputError: a target that those lack, targets without names, several robots, or points instead of positions.
-    """
+    """Other measurements with the codes that their targets have in those that taught a model, matched by name."""
     known, file = learned.target_names, other.file
     if len(other.robot_names) > 1:
         raise InputError(Issue("the test file holds several robots", hint="test with one robot at a time", file=file))

@@ -18,12 +18,11 @@ as much as an arm errs, one in ten fits is worse than nominal even with the true
 def probability_of_gain(fit: Fit, x_nominal: Array) -> float:
     """``Φ(|u|² / 2s)``: that positions at the fitted rows are nearer to the true ones with ``x`` than with ``x₀``.
 
-    They change by ``u = P J (x − x₀)``, where P takes out what a motion of the base does, and those of ``x`` err by
-    ``P J e`` with e of covariance C; those of ``x₀`` by ``P J e + u``, which is longer where ``2 uᵀJe > −|u|²``;
-    ``s² = uᵀ J C Jᵀ u``.
+    They change by ``u = P J (x − x₀)``, where P takes out what a motion of the base does, and those of ``x`` err by ``P
+    J e`` with e of covariance C; those of ``x₀`` by ``P J e + u``, which is longer where ``2 uᵀJe > −|u|²``; ``s² = uᵀ
+    J C Jᵀ u``.
 
-    Args:
-        x_nominal: x₀ (k,), only free frames and places fitted [rad, m].
+    x_nominal: x₀ (k,), only free frames and places fitted [rad, m].
     """
     J = _positions_without_base(fit)
     u = J @ (fit.x - x_nominal)

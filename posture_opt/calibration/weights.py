@@ -29,23 +29,17 @@ _LARGEST_SHARE, _MASSES_TRIED = 0.5, 26
 
 @dataclass(frozen=True)
 class GravityReading:
-    """Gravity in another direction than the file is taken to say.
-
-    Args:
-        vector: (3,) [m/s²], in the axes of the base as found; ``world`` in those of the data.
-        reading: ``instrument`` where its frame is level and the arm is not, ``base`` where it is the other way round,
-            ``mounting`` where the arm stands neither upright nor in a level frame.
-        evidence: logarithm of the likelihood ratio, by the sag of the joints alone.
-        base: ``xyz`` [m] and ``rpy`` [rad] of the base as found.
-    """
+    """Gravity in another direction than the file is taken to say."""
 
     key: ClassVar[str] = "gravity"
 
-    vector: tuple[float, float, float]
+    vector: tuple[float, float, float]  # (3,) [m/s²], in the axes of the base as found; ``world`` in those of the data
     world: tuple[float, float, float]
+    # ``instrument`` where its frame is level and the arm is not, ``base`` where it is the other way round, ``mounting``
+    # where the arm stands neither upright nor in a level frame
     reading: str
-    evidence: float
-    base: Mapping[str, tuple[float, ...]]
+    evidence: float  # logarithm of the likelihood ratio, by the sag of the joints alone
+    base: Mapping[str, tuple[float, ...]]  # ``xyz`` [m] and ``rpy`` [rad] of the base as found
 
     @property
     def line(self) -> str:
@@ -53,12 +47,10 @@ class GravityReading:
         return f"gravity: [{', '.join(f'{v:.3g}' for v in self.vector)}]"
 
     def to_json(self) -> dict[str, Json]:
-        """The part ``gravity`` of ``diagnosis.json``."""
         return {"vector": list(self.vector), "reading": self.reading, "evidence": self.evidence, "line": self.line}
 
     @property
     def statement(self) -> Statement:
-        """What it says, with the line to paste."""
         return state("calibration.gravity", self.reading, line=self.line, evidence=self.evidence)
 
     def restated(self, problem: ProblemData) -> ProblemData:
@@ -88,28 +80,20 @@ def better_gravity(calibration: Calibration) -> GravityReading | None:
 
 @dataclass(frozen=True)
 class MassReading:
-    """A mass that the arm carries and the file does not state, or states and the arm does not carry.
-
-    Args:
-        place: joint behind which it is, or ``tool``.
-        mass: beyond what is stated [kg], with its standard error ``std``.
-        evidence: logarithm of the likelihood ratio, by the sag of the joints alone.
-    """
+    """A mass that the arm carries and the file does not state, or states and the arm does not carry."""
 
     key: ClassVar[str] = "masses"
 
-    place: str
-    mass: float
+    place: str  # joint behind which it is, or ``tool``
+    mass: float  # beyond what is stated [kg], with its standard error ``std``
     std: float
-    evidence: float
+    evidence: float  # logarithm of the likelihood ratio, by the sag of the joints alone
 
     def to_json(self) -> dict[str, Json]:
-        """The part ``masses`` of ``diagnosis.json``."""
         return {"place": self.place, "mass": self.mass, "std": finite_or_none(self.std), "evidence": self.evidence}
 
     @property
     def statement(self) -> Statement:
-        """What it says."""
         mass = Quantity(self.mass, "mass", self.std if np.isfinite(self.std) else None)
         return state("calibration.masses", self.place, mass=mass, evidence=self.evidence)
 
@@ -145,13 +129,9 @@ def refuted_masses(calibration: Calibration) -> MassReading | None:
 
 @dataclass(frozen=True, eq=False)
 class _Sag:
-    """What a calibration leaves that joints which give way could explain.
+    """What a calibration leaves that joints which give way could explain."""
 
-    Args:
-        sensitivities: of the rows that count; r: (m,) their residuals and Q (m, k) an orthonormal basis of the
-            geometry.
-    """
-
+    # of the rows that count; r: (m,) their residuals and Q (m, k) an orthonormal basis of the geometry
     sensitivities: EffectSensitivities
     r: Array
     Q: Array

@@ -1,8 +1,4 @@
-"""What postures tell of possible changes of a calibrated arm, as the unknowns of a plan.
-
-A change of a parameter and what is uncertain of it act alike: the unknown is their sum, known beforehand to the
-covariance of the file and the size of a change together.
-"""
+"""What postures tell of possible changes of a calibrated arm, as the unknowns of a plan."""
 
 from __future__ import annotations
 
@@ -18,18 +14,11 @@ from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array
 from posture_opt.selection.problem_data import ProblemData
 
-CHANGE_M = 0.3e-3
-"""Root mean square motion of the tool by a change that a plan is made to tell from others [m]."""
-OPEN_M = 30e-3
-"""The same of what is found anew, as the places of an instrument: next to nothing is known of it [m]."""
-_MIN_MOTION_SHARE = 1e-6  # of the largest motion of any parameter: less shows nothing
-
 
 def change_model(problem: ProblemData, measuring: MeasurementModel, pool: Array) -> MeasurementModel:
     """The same measurements with everything that may have changed, or is uncertain, as unknowns.
 
-    Args:
-        pool: (N, n) postures [rad or m]; a parameter that moves the tool in none of them is left out.
+    pool (N, n) postures [rad or m]; a parameter that moves the tool in none of them is left out.
     """
     residuals, sources = measuring.residuals, problem.sources
     places = {p.name: p for p in residuals.parameters if p.group in OF_PLACES}
@@ -47,17 +36,15 @@ def change_model(problem: ProblemData, measuring: MeasurementModel, pool: Array)
     found |= places
     model = replace(measuring, residuals=replace(wide, parameters=tuple(found.values())))
     motion = _motion(model.blocks(pool, model.start))
-    kept = tuple(p for p, m in zip(found.values(), motion, strict=True) if m > _MIN_MOTION_SHARE * motion.max())
+    # 1e-6 of the largest motion of any parameter: less shows nothing
+    kept = tuple(p for p, m in zip(found.values(), motion, strict=True) if m > 1e-6 * motion.max())
     return replace(measuring, residuals=replace(wide, parameters=kept))
 
 
 def change_prior(problem: ProblemData, model: MeasurementModel, J: Array) -> PriorInformation:
-    """``C + s² diag(1/m²)``: what the file leaves uncertain, and a change that moves the tool by s, `CHANGE_M`.
+    """``C + s² diag(1/m²)``: what the file leaves uncertain, and a change that moves the tool by s, 0.3e-3.
 
-    Places are found anew: s is `OPEN_M` there.
-
-    Args:
-        J: (N, b, k) whitened derivatives at the candidates; m is the root mean square motion by a unit.
+    J (N, b, k) whitened derivatives at the candidates; m is the root mean square motion by a unit.
     """
     names = tuple(p.name for p in model.parameters)
     motion = _motion(J) * model.residuals.sigma / np.sqrt(model.repeats)
@@ -65,7 +52,9 @@ def change_prior(problem: ProblemData, model: MeasurementModel, J: Array) -> Pri
     place = {name: i for i, name in enumerate(names)}
     rows = [i for i, name in enumerate(sources.names) if name in place]
     at = [place[sources.names[i]] for i in rows]
-    size = np.where([p.group in OF_PLACES for p in model.parameters], OPEN_M, CHANGE_M)
+    # 0.3e-3 root mean square motion of the tool by a change that a plan is made to tell from others [m].
+    # 30e-3 the same of what is found anew, as the places of an instrument: next to nothing is known of it [m].
+    size = np.where([p.group in OF_PLACES for p in model.parameters], 30e-3, 0.3e-3)
     C = np.diag((size / motion) ** 2)
     C[np.ix_(at, at)] += sources.constant[np.ix_(rows, rows)]
     scale = np.sqrt(np.diag(C))
@@ -74,11 +63,7 @@ def change_prior(problem: ProblemData, model: MeasurementModel, J: Array) -> Pri
 
 
 def change_information(model: MeasurementModel, data: Measurements | None, variance: float) -> GivenInformation:
-    """What rows that were measured already tell of the same unknowns, at the arm of the file.
-
-    Args:
-        variance: of a measured coordinate in units of the instrument's.
-    """
+    """What rows that were measured already tell of the same unknowns, at the arm of the file."""
     if data is None:
         return nothing_measured(len(model.parameters), variance)
     _, J = model.residuals.of_data(data).residuals_and_jacobian(model.start)

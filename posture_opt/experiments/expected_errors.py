@@ -1,8 +1,4 @@
-"""What is known of an arm before and after measurements: standard errors, observability, the task's variance.
-
-All errors are those of a linear model at one set of deviations: they shrink with the square root of the number of
-measurements, and say nothing of what the model lacks.
-"""
+"""What is known of an arm before and after measurements: standard errors, observability, the task's variance."""
 
 from __future__ import annotations
 
@@ -25,23 +21,17 @@ from posture_opt.experiments.information import GivenInformation
 from posture_opt.numerics import Array, Mask
 from posture_opt.selection.problem_data import ProblemData
 
-_RANK_TOLERANCE = 1e-7  # of the largest singular value
-
 
 @dataclass(frozen=True, eq=False)
 class ExpectedErrors:
-    """What is expected to be known at one stage.
+    """What is expected to be known at one stage."""
 
-    Args:
-        std: (k,) expected standard errors [rad, m]; NaN where a parameter is not determined.
-        task: expected standard deviation of the tool point at the task's posture that what is not known of the
-            parameters makes: root of the summed variances along the directions that count [m]; NaN without a task,
-            and where it is not determined.
-        observability: O1 … O5 of all measurements made till then, unknowns scaled to unit RMS over the candidates.
-    """
-
-    std: Array
+    std: Array  # (k,) expected standard errors [rad, m]; NaN where a parameter is not determined
+    # expected standard deviation of the tool point at the task's posture that what is not known of the parameters
+    # makes: root of the summed variances along the directions that count [m]; NaN without a task, and where it is not
+    # determined
     task: float
+    # O1 … O5 of all measurements made till then, unknowns scaled to unit RMS over the candidates
     observability: dict[str, float]
 
     @classmethod
@@ -54,33 +44,25 @@ class ExpectedErrors:
 
 
 def _nan_median(values: Sequence[Array]) -> Array:
-    """The median over stages, entry by entry; NaN counts as infinite, and an infinite median is NaN again."""
     middle = np.median([np.where(np.isnan(value), np.inf, value) for value in values], axis=0)
     return np.where(np.isinf(middle), np.nan, middle)
 
 
 @dataclass(frozen=True, eq=False)
 class PriorInformation:
-    """What is known of the unknowns without any measurement.
-
-    Args:
-        scale: (k,) tolerances [rad, m].
-        stated: (k,) whether a σ is stated.
-        W: square root of the information of the stated σ's (p, k); ``full`` has the tolerances of the geometry too.
-    """
+    """What is known of the unknowns without any measurement."""
 
     names: tuple[str, ...]
-    scale: Array
-    stated: Mask
-    W: Array
+    scale: Array  # (k,) tolerances [rad, m]
+    stated: Mask  # (k,) whether a σ is stated
+    W: Array  # square root of the information of the stated σ's (p, k); ``full`` has the tolerances of the geometry too
     full: Array
 
     @classmethod
     def of(cls, problem: ProblemData, parameters: tuple[Parameter, ...], made: Array | None = None) -> PriorInformation:
         """From the σ's that a problem states and the tolerances of `prior_tolerances`.
 
-        Args:
-            made: (k,) tolerances that count in place of these; NaN where there is none.
+        made (k,) tolerances that count in place of these; NaN where there is none.
         """
         rows, covariance = prior_covariance(problem, parameters)
         k, scale = len(parameters), prior_tolerances(parameters, rows)
@@ -95,23 +77,16 @@ class Unknowns:
     """The unknowns that candidate measurements say something of, with all that is known already.
 
     Deviations from nominal are ``x = D z``: directions that nothing measured can feel are projected out.
-
-    Args:
-        known: what all candidates with the given data and the stated σ's determine.
-        D: (k, r) deviations [rad, m] per unit of z; ``T`` (r, r) takes unknowns of unit information to z.
-        start: (r, r) information on z from the given data and the prior.
-        seen: (k, s) directions that measurements alone determine, of unit RMS over the candidates.
-        L: (t, r) shift of the tool point at the task's posture along the t directions that count; (0, r) without.
     """
 
     prior: PriorInformation
     given: GivenInformation
-    known: Identifiability
-    D: Array
+    known: Identifiability  # what all candidates with the given data and the stated σ's determine
+    D: Array  # (k, r) deviations [rad, m] per unit of z; ``T`` (r, r) takes unknowns of unit information to z
     T: Array
-    start: Array
-    seen: Array
-    L: Array
+    start: Array  # (r, r) information on z from the given data and the prior
+    seen: Array  # (k, s) directions that measurements alone determine, of unit RMS over the candidates
+    L: Array  # (t, r) shift of the tool point at the task's posture along the t directions that count; (0, r) without
 
     @classmethod
     def of(cls, prior: PriorInformation, J: Array, given: GivenInformation, tool_rows: Array, count: int) -> Unknowns:
@@ -146,11 +121,7 @@ class Unknowns:
         return np.asarray(self._identified(self.given.R).determined | self.prior.stated)
 
     def criterion(self, purpose: str) -> Criterion:
-        """What a plan for ``parameters`` or for the ``task`` makes small, in the unknowns z.
-
-        ``parameters`` and ``recheck`` are D-optimal, ``task`` L-optimal: the summed variance of the tool point along
-        the directions that count.
-        """
+        """What a plan for ``parameters`` or for the ``task`` makes small, in the unknowns z."""
         return Variance(self.L) if purpose == "task" else Determinant()
 
     def blocks(self, J: Array) -> Array:
@@ -158,10 +129,7 @@ class Unknowns:
         return np.asarray(J @ self.D / np.sqrt(self.given.variance))
 
     def before(self, J: Array) -> ExpectedErrors:
-        """What is known without the measurements J (n, b, k).
-
-        Where nothing was measured, the stated σ's alone speak of the task: nominal values are no knowledge.
-        """
+        """What is known without the measurements J (n, b, k)."""
         stage, W = self.after(J[:0]), self.prior.W @ self.D
         if self.given.rows:
             return stage
@@ -184,16 +152,13 @@ class Unknowns:
         return identify_parameters(self.prior.names, stack, len(stack) + 1, scale=self.prior.scale)
 
     def _observability(self, J: Array) -> dict[str, float]:
-        """O1 … O5 of the given data with measurements J (n, b, k).
-
-        Zeros where they do not determine all that candidates can.
-        """
+        """O1 … O5 of the given data with measurements J (n, b, k)."""
         s = np.linalg.svd(np.concatenate([self.given.R, J.reshape(-1, J.shape[-1])]) @ self.seen, compute_uv=False)
-        if not 0 < self.seen.shape[1] <= len(s) or s[-1] <= _RANK_TOLERANCE * s[0]:
+        # 1e-7 of the largest singular value
+        if not 0 < self.seen.shape[1] <= len(s) or s[-1] <= 1e-7 * s[0]:
             return dict.fromkeys(("O1", "O2", "O3", "O4", "O5"), 0.0)
         return observability_indices(np.asarray(s, dtype=float), self.given.rows + len(J))
 
 
 def _root_sum(along: Array) -> float:
-    """Root of the summed variances along all directions; NaN where one is not determined, or there are none."""
     return float(np.sqrt(np.sum(along))) if len(along) else float("nan")

@@ -1,7 +1,7 @@
 """What measurements at any posture would say about an arm, and what is known of it already.
 
-The information of a measurement with the whitened derivatives A (b, k) is ``AᵀA``: the inverse of the covariance of
-the k unknowns that it alone would leave. It adds up over measurements.
+The information of a measurement with the whitened derivatives A (b, k) is ``AᵀA``: the inverse of the covariance of the
+k unknowns that it alone would leave. It adds up over measurements.
 """
 
 from __future__ import annotations
@@ -43,50 +43,34 @@ from posture_opt.uncertainty.sources.sources import Sources
 
 OF_PLACES = ("place", "second_arm")
 """Groups of parameters that belong to what is measured, and not to the arm."""
-_MET_EXACTLY = 1e-18  # of the instrument's variance: rounding, which says nothing of noise
-_MIN_VARIANCE_FREEDOM = 20  # degrees of freedom from which on the residual variance, not the instrument's, is believed
 
 
 @dataclass(frozen=True, eq=False)
 class GivenInformation:
-    """What measurements made already say of the unknowns of a plan.
+    """What measurements made already say of the unknowns of a plan."""
 
-    Args:
-        R: (m, k) square root of their information, ``RᵀR``, in units of the instrument's σ; no rows for none.
-        x: (k,) deviations from nominal [rad, m] at which everything is linearised.
-        variance: of a measured coordinate in units of the instrument's: what a fit to the data leaves, or where
-            they do not determine it, the arm's own scatter from repeat to repeat added to the instrument's.
-        rows, coordinates: how many measurements, and numbers measured in them.
-        notes: sentences for the report.
-    """
-
-    R: Array
-    x: Array
+    R: Array  # (m, k) square root of their information, ``RᵀR``, in units of the instrument's σ; no rows for none
+    x: Array  # (k,) deviations from nominal [rad, m] at which everything is linearised
+    # of a measured coordinate in units of the instrument's: what a fit to the data leaves, or where they do not
+    # determine it, the arm's own scatter from repeat to repeat added to the instrument's
     variance: float
-    rows: int
+    rows: int  # rows, coordinates: how many measurements, and numbers measured in them
     coordinates: int = 0
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # sentences for the report
 
 
 @dataclass(frozen=True, eq=False)
 class MeasurementModel:
-    """The measurement of all targets at one posture, measured ``repeats`` times, as a function of the posture.
+    """The measurement of all targets at one posture, measured ``repeats`` times, as a function of the posture."""
 
-    Args:
-        residuals: the arm against one planned row of each target; the row says what the instrument measures.
-        problem: for the noise of the instrument.
-        repeats: a mean of r repeats has ``1/√r`` of the standard deviation.
-        places: what an instrument measures that shows no position; None of positions.
-        at: unknown of these places -> its deviation in the fit to the given rows.
-        made: (k,) tolerances of manufacturing that `calibrate` takes parts to be within by the given rows; NaN of what
-            has none, None without such rows.
-    """
-
-    residuals: Residuals
-    problem: ProblemData
-    repeats: int = 1
-    places: KindPlaces | None = None
+    residuals: Residuals  # the arm against one planned row of each target; the row says what the instrument measures
+    problem: ProblemData  # for the noise of the instrument
+    repeats: int = 1  # a mean of r repeats has ``1/√r`` of the standard deviation
+    places: KindPlaces | None = None  # what an instrument measures that shows no position; None of positions
+    # unknown of these places -> its deviation in the fit to the given rows
     at: Mapping[str, float] = field(default_factory=dict)
+    # (k,) tolerances of manufacturing that `calibrate` takes parts to be within by the given rows; NaN of what has
+    # none, None without such rows
     made: Array | None = None
 
     @property
@@ -115,10 +99,7 @@ class MeasurementModel:
         return self.residuals.block * self.rows
 
     def blocks(self, q: Array, x: Array) -> Array:
-        """(N, b, k) derivatives of the mean of all repeats of the postures (N, n), in standard deviations of it.
-
-        ``b`` is `coordinates`. An instrument whose noise grows with the range is less certain at far postures.
-        """
+        """(N, b, k) derivatives of the mean of all repeats of the postures (N, n), in standard deviations of it."""
         template = self.residuals.data
         own, turned = q[:, : self.residuals.robot.n], template.rotation is not None
         data = planned_rows(self.residuals.robot, own, template.measured_axes, self.targets, oriented=turned)
@@ -139,11 +120,7 @@ class MeasurementModel:
         return np.asarray(np.sqrt(usable_share(self.problem)) * rows * scale[:, None, :, None])
 
     def tool_rows(self, q: Array, x: Array, basis: Array) -> Array:
-        """Shift (t, k) of the (first) tool point at the posture q (n,) along ``basis``, per unit of each unknown.
-
-        The rows of ``basis`` (t, 3) are directions about the arm as its nominal base is; they turn with a base found
-        elsewhere.
-        """
+        """Shift (t, k) of the (first) tool point at the posture q (n,) along ``basis``, per unit of each unknown."""
         data = planned_rows(self.residuals.robot, q[None], np.ones(3, dtype=bool), self.targets).take([0])
         here = self.residuals.of_data(data)
         own = [k for k, p in enumerate(self.parameters) if p.source and p.code <= 0]
@@ -164,10 +141,7 @@ def planned_rows(
 ) -> Measurements:
     """Measurements of every target at the postures q (N, n) [rad or m], with nothing measured yet: positions are zero.
 
-    Args:
-        axes: (3,) which coordinates will be measured.
-        targets: names of the points on the tool; empty for one.
-        oriented: whether orientations will be measured; they are the identity.
+    axes (3,) which coordinates will be measured.
     """
     each = max(len(targets), 1)
     rows, n = len(q) * each, robot.n
@@ -185,10 +159,7 @@ def planned_rows(
 def measurement_model(
     problem: ProblemData, given: Measurements | None, repeats: int = 1
 ) -> tuple[MeasurementModel, tuple[str, ...]]:
-    """The instrument of a problem and what it measures, and sentences on what was assumed.
-
-    It measures what the given data have; without data, every coordinate that the arm can move.
-    """
+    """The instrument of a problem and what it measures, and sentences on what was assumed."""
     if given is not None and given.position is None:
         return _model_of_kind(problem, given, repeats)
     robot, further = problem.robot, further_sigmas(problem)
@@ -204,7 +175,6 @@ def measurement_model(
 
 
 def _model_of_kind(problem: ProblemData, given: Measurements, repeats: int) -> tuple[MeasurementModel, tuple[str, ...]]:
-    """The instrument of the given rows, at the places that a fit to them finds."""
     residuals, notes = arm_and_data(problem, given)
     x = fit_frames(residuals)
     known = determine_directions(problem, residuals, x, held_length(residuals), priors=True)
@@ -234,40 +204,26 @@ def repeat_variance(problem: ProblemData, sigma: float, q: Array) -> float:
 
 
 def nothing_measured(unknowns: int, variance: float = 1.0) -> GivenInformation:
-    """Where nothing was measured yet: the nominal arm, and a measured coordinate of this variance.
-
-    Args:
-        unknowns: k, how many.
-        variance: of a measured coordinate in units of the instrument's.
-    """
+    """Where nothing was measured yet: the nominal arm, and a measured coordinate of this variance."""
     return GivenInformation(np.zeros((0, unknowns)), np.zeros(unknowns), variance, 0)
 
 
 def given_information(
     problem: ProblemData, data: Measurements, parameters: tuple[Parameter, ...], expected: float = 1.0
 ) -> GivenInformation:
-    """What ``data`` say of ``parameters``; touched points, which are unknowns of the data alone, are worked out.
-
-    With the touched points first, the triangular factor R of the Jacobian holds in its last rows what is left for the
-    unknowns of the plan: their information after the points are projected out.
-
-    Where the data suffice, the arm is fitted to them: the plan then starts from that arm, without its outliers, and
-    counts with what the fit leaves in place of the ``expected`` variance.
-
-    Args:
-        parameters: the k unknowns of the plan.
-        expected: variance of a measured coordinate in units of the instrument's, before anything was measured.
-    """
+    """What ``data`` say of ``parameters``; touched points, which are unknowns of the data alone, are worked out."""
     residuals, notes = arm_and_data(problem, data)
     x = fit_frames(residuals)
     _, J = residuals.residuals_and_jacobian(x)
     names = [p.name for p in residuals.parameters]
     known = determine_directions(problem, residuals, x, held_length(residuals), priors=True)
     variance, kept = expected, np.arange(len(data))
-    if len(J) >= known.directions.shape[1] + _MIN_VARIANCE_FREEDOM:
+    # 20 degrees of freedom from which on the residual variance, not the instrument's, is believed
+    if len(J) >= known.directions.shape[1] + 20:
         found = estimate_parameters(residuals, x, known.directions, known.prior, weight=known.noise)
         x, kept = found.x, np.flatnonzero(found.kept)
-        variance = found.variance if found.variance > _MET_EXACTLY else expected
+        # 1e-18 of the instrument's variance: rounding, which says nothing of noise
+        variance = found.variance if found.variance > 1e-18 else expected
         _, J = residuals.take(kept).residuals_and_jacobian(x)
     own = [names.index(p.name) for p in parameters if p.name in names]
     others = [i for i in range(len(names)) if i not in own]

@@ -12,9 +12,6 @@ from posture_opt.experiments.planned_kind import KindPlaces
 from posture_opt.numerics import Array, Mask
 from posture_opt.robot.robot import Joint
 
-_OTHER = 0.5
-"""Two instruments in one posture are apart: their numbers differ by more."""
-
 
 @dataclass(frozen=True)
 class KindWorkspace(Workspace):
@@ -61,7 +58,8 @@ class KindWorkspace(Workspace):
 
     def separations(self, count: int) -> Array:
         """(w,) as of joints; another instrument is another posture."""
-        return np.asarray(np.r_[super().separations(count), np.full(self.places.fixed, _OTHER)])
+        # 0.5 two instruments in one posture are apart: their numbers differ by more.
+        return np.asarray(np.r_[super().separations(count), np.full(self.places.fixed, 0.5)])
 
     def steps(self) -> Array:
         """(w,) ranges of the joints; the instrument stays."""

@@ -24,6 +24,5 @@ def planned_places(residuals: Residuals, x: Array) -> KindPlaces:
 
 
 def _by_rule(places: KindPlaces) -> KindPlaces:
-    """The places of one instrument by the rule of its kind."""
     rule = _RULES.get(type(places.kind), KindPlaces)
     return rule(places.data, places.robot, places.moved, places.values)

@@ -16,16 +16,9 @@ from posture_opt.model.chain import factor_values, walk
 from posture_opt.numerics import Array, Codes, Mask, stacked_rows
 from posture_opt.robot.robot import Joint, Robot
 
-_CONTACT_TOLERANCE_M = 1e-3
-"""A posture that near to a place touches it: the move that touches stops there."""
-_CONTACT_STEPS = 8
 _MAX_CONTACT_STEP = 0.3
 """rad or m a step of a joint toward a place."""
 _DIFFERENCE = 1e-6
-_LEAST_SLOPE = 1e-2
-"""Of the largest: directions in which a posture can hardly be led to a place are given up."""
-_STEP = 0.3
-"""rad, or share of a slide's range: how far new postures are from those of the given rows, one σ."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,14 +26,11 @@ class KindPlaces:
     """The places of an instrument as a fit to the given rows has them, and where they can be measured from.
 
     A planned posture is a row of w numbers: the joints of the arm, then those of a second arm [rad or m].
-
-    Args:
-        data: the given rows of this instrument.
-        moved: parameter of the arm -> its deviation in the fit [rad or m]; ``values`` (P, u) unknowns of the places.
     """
 
-    data: Measurements
+    data: Measurements  # the given rows of this instrument
     robot: Robot
+    # parameter of the arm -> its deviation in the fit [rad or m]; ``values`` (P, u) unknowns of the places
     moved: Mapping[str, float]
     values: Array
 
@@ -92,7 +82,6 @@ class KindPlaces:
 
     @property
     def _count(self) -> int:
-        """Places that are measured: of cameras without what they see."""
         return max(len(self.data.point_names), 1)
 
     def _aspect_of_given(self) -> Array:
@@ -110,10 +99,7 @@ class KindPlaces:
         return Seen(position, axes, shown, place, self.values[place])
 
     def offered(self, q: Array) -> tuple[Codes, Mask]:
-        """(N,) the place that is measured from each posture, and whether any can be.
-
-        Of touched places the nearest; of others the one whose aspect is nearest to the middle of its bounds.
-        """
+        """(N,) the place that is measured from each posture, and whether any can be."""
         n, (low, high) = len(q), self.bounds
         cost = np.full((n, self._count), np.inf)
         seen = self.seen(q, np.zeros(n, dtype=np.intp))
@@ -124,7 +110,8 @@ class KindPlaces:
             off = np.abs(aspect[:, 0] - (low[k, 0] + high[k, 0]) / 2)
             if self.kind.contact:
                 off = np.linalg.norm(self._error(here), axis=1)
-                inside &= off <= _CONTACT_TOLERANCE_M
+                # 1e-3 A posture that near to a place touches it: the move that touches stops there.
+                inside &= off <= 1e-3
             cost[inside, k] = off[inside]
         return cost.argmin(axis=1), np.isfinite(cost.min(axis=1))
 
@@ -139,8 +126,7 @@ class KindPlaces:
     def drawn(self, rng: np.random.Generator, count: int, lower: Array, upper: Array) -> Array:
         """(count, w) postures, before those that measure nothing are left out: half at random, half about given ones.
 
-        Args:
-            lower, upper: (w,) where the joints may be.
+        lower, upper (w,) where the joints may be.
         """
         return np.concatenate([rng.uniform(lower, upper, (count // 2, len(lower))),
                                self.about_given(rng, count - count // 2, lower, upper)])  # fmt: skip
@@ -149,7 +135,8 @@ class KindPlaces:
         """(count, w) postures about those of the given rows."""
         about = self.given[rng.integers(len(self.given), size=count)]
         joints = (*self.robot.joints, *(joint for _, joint in self.further))
-        step = _STEP * np.where([joint.type == "revolute" for joint in joints], 1.0, upper - lower)
+        # 0.3 rad, or share of a slide's range: how far new postures are from those of the given rows, one σ.
+        step = 0.3 * np.where([joint.type == "revolute" for joint in joints], 1.0, upper - lower)
         return np.asarray(np.clip(about + rng.normal(0.0, step, about.shape), lower, upper))
 
     def touching(self, q: Array) -> Array:
@@ -163,10 +150,11 @@ class KindPlaces:
         codes = [np.full(len(q), k, dtype=np.intp) for k in range(self._count)]
         off = np.stack([np.linalg.norm(self._error(self._beside(seen, k)), axis=1) for k in codes])
         place = off.argmin(axis=0)
-        for _ in range(_CONTACT_STEPS):
+        for _ in range(8):
             here = self.off(q, place)
             J = np.stack([self.off(q + h, place) - here for h in _DIFFERENCE * np.eye(q.shape[1])], axis=2)
-            step = np.einsum("njd,nd->nj", np.linalg.pinv(J / _DIFFERENCE, rcond=_LEAST_SLOPE), here)
+            # 1e-2 of the largest: directions in which a posture can hardly be led to a place are given up.
+            step = np.einsum("njd,nd->nj", np.linalg.pinv(J / _DIFFERENCE, rcond=1e-2), here)
             q = q - np.clip(step, -_MAX_CONTACT_STEP, _MAX_CONTACT_STEP)
         return q
 
@@ -180,7 +168,6 @@ class KindPlaces:
         return np.stack([np.broadcast_to(slot, n) for slot in self.kind.error(seen)], axis=1)
 
     def _beside(self, seen: Seen, place: Codes) -> Seen:
-        """The same postures beside other places."""
         return replace(seen, place=place, values=self.values[place])
 
     def rows(self, planned: Measurements, q: Array) -> Measurements:
@@ -225,6 +212,5 @@ def moved_parameters(residuals: Residuals, x: Array) -> dict[str, float]:
 
 
 def _nowhere(aspect: Array) -> tuple[Array, Array]:
-    """Bounds that nothing is within."""
     m = aspect.shape[1]
     return np.full(m, np.inf), np.full(m, -np.inf)

@@ -20,15 +20,9 @@ from posture_opt.robot.robot import Joint
 
 @dataclass(frozen=True, eq=False)
 class MixedPlaces(KindPlaces):
-    """The places of several instruments, and which of these is used from each posture.
+    """The places of several instruments, and which of these is used from each posture."""
 
-    The last number of a planned posture is that of its instrument. A row is one number of a reading.
-
-    Args:
-        parts: the places of each instrument.
-    """
-
-    parts: tuple[KindPlaces, ...] = ()
+    parts: tuple[KindPlaces, ...] = ()  # the places of each instrument
 
     @classmethod
     def of_instruments(cls, residuals: Residuals, x: Array, of_one: Callable[[KindPlaces], KindPlaces]) -> MixedPlaces:
@@ -179,13 +173,11 @@ class MixedPlaces(KindPlaces):
 
 
 def _kind(data: Measurements) -> Mixed:
-    """The instruments of a file."""
     assert isinstance(data.kind, Mixed), "a file of several instruments"
     return data.kind
 
 
 def _readings(data: Measurements, k: int, member: Member, first_second: int) -> Measurements:
-    """The readings of one instrument, one a row, as if they were the whole file."""
     assert data.part is not None, "a row is a number of a reading"
     own = np.flatnonzero(data.part // SLOTS == k)
     whole = data.take(own[np.unique(data.line[own], return_index=True)[1]])

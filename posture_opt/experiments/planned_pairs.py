@@ -17,11 +17,7 @@ from posture_opt.numerics import Array, Mask
 
 @dataclass(frozen=True, eq=False)
 class PairPlaces(KindPlaces):
-    """Where the second arm stands by a fit to the given rows, and in which postures of both the tools touch.
-
-    The tools face each other as in the given rows. Links that the given rows have nearer than their capsules allow are
-    not checked against each other: the capsules are wider than the arms there.
-    """
+    """Where the second arm stands by a fit to the given rows, and in which postures of both the tools touch."""
 
     @property
     def kind(self) -> PairContact:

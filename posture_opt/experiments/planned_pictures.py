@@ -20,11 +20,7 @@ _OUTERMOST = 4
 
 @dataclass(frozen=True, eq=False)
 class PicturePlaces(KindPlaces):
-    """Cameras and boards as a fit to the given pictures has them, and from where they can be seen.
-
-    A camera sees from the distances and under the angles of the given pictures. The outermost points of a board count
-    for all of it.
-    """
+    """Cameras and boards as a fit to the given pictures has them, and from where they can be seen."""
 
     @property
     def kind(self) -> MarkerPixels:
@@ -55,7 +51,6 @@ class PicturePlaces(KindPlaces):
 
     @property
     def _count(self) -> int:
-        """The cameras."""
         return len(self.kind.names)
 
     def _aspect_of_given(self) -> Array:
@@ -117,10 +112,7 @@ class PicturePlaces(KindPlaces):
 
 @dataclass(frozen=True, eq=False)
 class BoardPosePlaces(KindPlaces):
-    """A camera on the tool and its board as a fit to the given poses has them.
-
-    The middle of the board stays within the directions, distances and tilts of the given poses.
-    """
+    """A camera on the tool and its board as a fit to the given poses has them."""
 
     @property
     def kind(self) -> BoardPose:

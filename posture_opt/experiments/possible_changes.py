@@ -36,23 +36,14 @@ def change_name(kind: str, target: str) -> str:
 
 @dataclass(frozen=True)
 class PossibleChange:
-    """One thing that may have changed, and the parameters that would deviate from the file then.
+    """One thing that may have changed, and the parameters that would deviate from the file then."""
 
-    Args:
-        kind: ``tool_frame``, ``base_frame``, ``joint_offset``, ``link``, ``backlash`` or ``joint_compliance``.
-        target: ``tool``, ``base``, the joint, or the parameter of the link, a length or a twist: ``elbow.a``.
-        share: probability of the kind, given that one thing changed.
-        parameters: (p,) what deviates.
-        effect: whose parameters they are; None of geometry.
-        alike: further targets that act as this one does in the rows.
-    """
-
-    kind: str
-    target: str
-    share: float
-    parameters: tuple[Parameter, ...]
-    effect: Effect | None = None
-    alike: tuple[str, ...] = ()
+    kind: str  # ``tool_frame``, ``base_frame``, ``joint_offset``, ``link``, ``backlash`` or ``joint_compliance``
+    target: str  # ``tool``, ``base``, the joint, or the parameter of the link, a length or a twist: ``elbow.a``
+    share: float  # probability of the kind, given that one thing changed
+    parameters: tuple[Parameter, ...]  # (p,) what deviates
+    effect: Effect | None = None  # whose parameters they are; None of geometry
+    alike: tuple[str, ...] = ()  # further targets that act as this one does in the rows
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -61,19 +52,13 @@ class PossibleChange:
 
     @property
     def forms(self) -> tuple[tuple[int, ...], ...]:
-        """Places of the parameters that deviate, in each form of the change.
-
-        A frame shifts; or it slides on what it stands on, along x and y and turned about z; or it shifts and turns.
-        """
+        """Places of the parameters that deviate, in each form of the change."""
         every = tuple(range(len(self.parameters)))
         return ((0, 1, 2), (0, 1, 5), every) if len(every) == len(FRAME_PARTS) else (every,)
 
 
 def possible_changes(robot: Robot, data: Measurements) -> tuple[PossibleChange, ...]:
-    """Everything that may have changed, whether or not these rows can show it, from the tool to effects of joints.
-
-    A frame that is free in the file is no candidate: it is found from every file of data again.
-    """
+    """Everything that may have changed, whether or not these rows can show it, from the tool to effects of joints."""
     found = [_geometric(f"{name}_frame", name, _frame(robot, name)) for name in ("tool", "base")]
     free = {"base": robot.base_free, "tool": robot.tool_free}
     found = [change for change in found if not free[change.target]]
@@ -95,18 +80,15 @@ def possible_changes(robot: Robot, data: Measurements) -> tuple[PossibleChange, 
 
 
 def _geometric(kind: str, target: str, parameters: tuple[Parameter, ...]) -> PossibleChange:
-    """A change of the geometry, with the share of its kind."""
     return PossibleChange(kind, target, _SHARES[kind], parameters)
 
 
 def _frame(robot: Robot, name: str) -> tuple[Parameter, ...]:
-    """The six parameters of a frame, its shift first."""
     known = robot.parameters
     return tuple(_parameter(known[f"{name}.{part}"], name) for part in FRAME_PARTS if f"{name}.{part}" in known)
 
 
 def _parameter(factor: Factor, group: str) -> Parameter:
-    """The deviation of one factor, in all rows."""
     unit = "rad" if factor.kind == "rotate" else "m"
     return Parameter(factor.parameter, group, unit, factor.nominal, factor.parameter)
 

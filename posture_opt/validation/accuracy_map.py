@@ -25,7 +25,6 @@ from posture_opt.uncertainty.spread.spread import ellipse_basis
 from posture_opt.validation.measured_errors import MeasuredErrors, measured_errors
 from posture_opt.workers import Executor
 
-_ALIGNMENT_TOLERANCE = 1e-9
 _UNCOVERED_SHARE = 0.02  # of the rows, on either side, that the map need not cover
 _BOX_STEP_M = 0.01  # m, that its box is rounded to
 
@@ -199,10 +198,7 @@ def map_accuracy(
 
 
 def _bias_without_shift(points: Array, bias: Array) -> Array:
-    """(N,) [m] the bias that no shift and turn of the base would take off; NaN where there is no posture.
-
-    A rigid motion of the base is the best fit of landed to wanted points (`kabsch`); two points determine none.
-    """
+    """(N,) [m] the bias that no shift and turn of the base would take off; NaN where there is no posture."""
     left, known = np.full(len(points), np.nan), np.isfinite(bias[:, 0])
     if np.count_nonzero(known) > 2:
         landed = points[known] + bias[known]
@@ -212,11 +208,7 @@ def _bias_without_shift(points: Array, bias: Array) -> Array:
 
 
 def _predicted_moments(tool_point: ToolPoint, map_points: Sequence[MapPoint]) -> tuple[Array, Array]:
-    """Bias (N, 3) [m] and covariance (N, 3, 3) [m²]; NaN where there is no posture.
-
-    Args:
-        tool_point: moments of the corrected arm; map_points: N targets with their postures.
-    """
+    """Bias (N, 3) [m] and covariance (N, 3, 3) [m²]; NaN where there is no posture."""
     known, count = np.array([map_point.feasible for map_point in map_points]), len(map_points)
     Q = np.array([map_point.q for map_point in map_points])[known]
     moments = tool_point.moments([np.ascontiguousarray(column) for column in Q.T])
@@ -229,16 +221,12 @@ def _predicted_moments(tool_point: ToolPoint, map_points: Sequence[MapPoint]) ->
 def _box_of(
     problem: ProblemData, data: Measurements
 ) -> tuple[tuple[float, float, float] | None, tuple[float, float, float] | None]:
-    """Corners of a flat box, across the direction, that holds most of the rows; None where the file says more.
-
-    Most means all but `_UNCOVERED_SHARE` on each side, rounded outwards to `_BOX_STEP_M`.
-    """
     task = problem.task
     if task is None or task.region is not None:
         return None, None
     d = np.array(task.direction) / np.linalg.norm(task.direction)
     axis = int(np.argmax(np.abs(d)))
-    if abs(d[axis]) < 1 - _ALIGNMENT_TOLERANCE:
+    if abs(d[axis]) < 1 - 1e-9:
         return None, None
     place, _ = nominal_poses(problem.robot, data.q)
     low, high = np.quantile(place, [_UNCOVERED_SHARE, 1 - _UNCOVERED_SHARE], axis=0)

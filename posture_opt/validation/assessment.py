@@ -30,33 +30,23 @@ from posture_opt.validation.trends import Sides, Trend, sides_of, trends_of
 
 MIN_INSTRUMENT_RATIO = 10.0  # better than what it judges an instrument should be
 NORMAL_TAIL = 0.0027  # of normal numbers lie beyond three standard deviations
-_REGION_PROBABILITY = 0.95
-_UNDIVIDED_SHARE = 0.6  # of the whole range: a block as long was not cut along it
 _SIGMA_EXAMPLES = {"m": "0.05 mm", "rad": "0.002 deg", "px": "0.2 px"}
 """SI unit of a reading -> a standard deviation as a file may state it."""
-_LENGTH_TOLERANCE_M = 1e-12  # m
 
 
 @dataclass(frozen=True, eq=False)
 class ResidualScatter:
-    """The vector uncertainty of what calibration leaves, ``C = (1/l) Σ Δx Δxᵀ``.
+    """The vector uncertainty of what calibration leaves, ``C = (1/l) Σ Δx Δxᵀ``."""
 
-    Args:
-        ellipse: about zero, in the coordinates that were measured.
-        samples: l, rows.
-        dof: independent ones among them, poses; the 95 % region is ``factor`` standard deviations wide,
-            ``hotelling_factor(0.95, d, dof)``: that of a point that comes from the same scatter as C.
-        inside: share of the rows in that region.
-    """
-
-    ellipse: Ellipsoid
-    samples: int
+    ellipse: Ellipsoid  # about zero, in the coordinates that were measured
+    samples: int  # l, rows
+    # independent ones among them, poses; the 95 % region is ``factor`` standard deviations wide,
+    # ``hotelling_factor(0.95, d, dof)``: that of a point that comes from the same scatter as C
     dof: int
     factor: float
-    inside: float
+    inside: float  # share of the rows in that region
 
     def to_json(self) -> dict[str, Json]:
-        """Plain numbers [m, m²]."""
         return {
             "covariance": self.ellipse.covariance.tolist(), "samples": self.samples, "dof": self.dof,
             "semi_axes_1sigma": self.ellipse.semi_axes.tolist(), "axes": self.ellipse.axes.T.tolist(),
@@ -227,8 +217,8 @@ def assess(
 
 
 def _measured_minus_model(errors: Array) -> Array:
-    """Measured minus model; what is rounding of a coordinate is no error."""
-    return np.where(np.abs(errors) > _LENGTH_TOLERANCE_M, -errors, 0.0)
+    # 1e-12 m
+    return np.where(np.abs(errors) > 1e-12, -errors, 0.0)
 
 
 def _task_direction(problem: ProblemData) -> Array | None:
@@ -240,16 +230,12 @@ def _task_direction(problem: ProblemData) -> Array | None:
 
 
 def _block_axes(problem: ProblemData, data: Measurements) -> tuple[tuple[str, str], ...]:
-    """Name and unit of the axes along which blocks are cut: of the workspace, or of the joints where points were
-    touched.
-    """
     if data.position is not None:
         return (("x", "m"), ("y", "m"), ("z", "m"))
     return tuple((joint.name, "rad" if joint.type == "revolute" else "m") for joint in problem.robot.joints)
 
 
 def _why_unseen(problem: ProblemData, axes: Codes, direction: Array | None) -> str:
-    """The end of the id of what is said of errors along and across the task."""
     if direction is None:
         return "no-task-direction"
     if not all(measured_parts(axes, direction)):
@@ -258,20 +244,17 @@ def _why_unseen(problem: ProblemData, axes: Codes, direction: Array | None) -> s
 
 
 def _errors(found: Assessment) -> Statement:
-    """RMS error per coordinate before and after calibration."""
     before, after = (Quantity(model.coordinate) for model in (found.nominal, found.calibrated))
     one = found.calibration.request.data.kind.number_words
     return state("validation.errors", coordinate=one, before=before, after=after)
 
 
 def _unseen(found: Assessment) -> Iterator[Statement]:
-    """What is left out of the errors by direction."""
     if found.unseen:
         yield state(f"validation.{found.unseen}")
 
 
 def _mean_statements(found: Assessment) -> Iterator[Statement]:
-    """The first rule: after calibration the mean of the residuals is zero, everywhere."""
     model = found.calibrated
     tests = [*([] if model.mean is None else [model.mean.zero]), *(block.zero for block in model.blocks)]
     if not model.zero:
@@ -285,10 +268,10 @@ def _mean_statements(found: Assessment) -> Iterator[Statement]:
 
 
 def _sides_of(found: Assessment, block: BlockMean) -> list[str]:
-    """The shortest three sides of a block that are shorter than those of the whole."""
     whole = np.ptp([[b.lower, b.upper] for b in found.calibrated.blocks], axis=(0, 1))
     part = (block.upper - block.lower) / np.maximum(whole, 1e-12)
-    shown = sorted(k for k in np.argsort(part)[:3] if part[k] < _UNDIVIDED_SHARE and whole[k] > 0)
+    # 0.6 of the whole range: a block as long was not cut along it
+    shown = sorted(k for k in np.argsort(part)[:3] if part[k] < 0.6 and whole[k] > 0)
     units = {"rad": (math.degrees(1.0), "deg", 0), "m": (1.0, "m", 2)}
     sides = []
     for k in shown:
@@ -299,7 +282,6 @@ def _sides_of(found: Assessment, block: BlockMean) -> list[str]:
 
 
 def _input_statements(found: Assessment) -> Iterator[Statement]:
-    """What the errors that are left depend on: time, temperature, payload, the side of arrival."""
     trends = [trend for trend in found.trends if trend.found]
     for trend in trends:
         change = notation.shift(trend.change.tolist())
@@ -317,7 +299,6 @@ def _input_statements(found: Assessment) -> Iterator[Statement]:
 
 
 def _scatter_statements(found: Assessment) -> Iterator[Statement]:
-    """The second rule: the second moment of the residuals is their vector uncertainty; and whether they are normal."""
     if found.residual_scatter is None:
         yield state("validation.poses-few-for-region" if found.calibrated.coordinate else "validation.residuals-zero")
     elif not found.calibrated.zero:
@@ -327,7 +308,6 @@ def _scatter_statements(found: Assessment) -> Iterator[Statement]:
 
 
 def _instrument(found: Assessment) -> Iterator[Statement]:
-    """The third rule: an instrument ten times better than what it is used to assess."""
     kind = found.calibration.request.data.kind
     if not found.instrument:
         yield state("validation.instrument-unstated", key=kind.sigma_key, example=_SIGMA_EXAMPLES[kind.unit])
@@ -339,7 +319,6 @@ def _instrument(found: Assessment) -> Iterator[Statement]:
 
 
 def _repeat_statements(found: Assessment) -> Iterator[Statement]:
-    """What is missing of the repeats that ISO 9283 asks for."""
     repeats = found.repeats
     if repeats is None:
         unmeasured = found.calibrated.mean is None
@@ -355,7 +334,7 @@ def _residual_scatter(errors: Array, poses: int) -> ResidualScatter | None:
     ellipse = Ellipsoid(np.zeros(errors.shape[1]), errors.T @ errors / len(errors))
     if not 0 < ellipse.rank < poses + 1:
         return None
-    factor = hotelling_factor(_REGION_PROBABILITY, ellipse.rank, poses)
+    factor = hotelling_factor(0.95, ellipse.rank, poses)
     inside = float(np.mean(ellipse.mahalanobis(errors) <= factor))
     return ResidualScatter(ellipse, len(errors), poses, factor, inside)
 

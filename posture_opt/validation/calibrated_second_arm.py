@@ -18,9 +18,7 @@ def second_arms(
 ) -> dict[str, FittedArm]:
     """Name -> the second arm with its parameters that were found; none where it is held.
 
-    Args:
-        x: (k,) deviations of the parameters of the calibration [rad or m]; covariance: (k, k) of these.
-        label: of the file; header: its first lines.
+    x (k,) deviations of the parameters of the calibration [rad or m]; covariance: (k, k) of these.
     """
     at = {p.name: i for i, p in enumerate(calibration.parameters)}
     found = {}

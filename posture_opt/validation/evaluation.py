@@ -19,15 +19,9 @@ _MIN_NOISE_SHARE = 0.5**0.5  # of a standard deviation: less is less than half o
 
 @dataclass(frozen=True, eq=False)
 class Evaluation(DerivedAgain):
-    """The residuals of a calibration, the spread that it predicts, and its task planned again, each computed once.
+    """The residuals of a calibration, the spread that it predicts, and its task planned again, each computed once."""
 
-    Its parts are computed when they are first asked for, and not again.
-
-    Args:
-        calibration: with its request: problem, measurements, and whether the task is planned again.
-    """
-
-    calibration: Calibration
+    calibration: Calibration  # with its request: problem, measurements, and whether the task is planned again
 
     @cached_property
     def assessment(self) -> Assessment:
@@ -46,10 +40,7 @@ class Evaluation(DerivedAgain):
 
     @cached_property
     def comparison(self) -> Comparison | None:
-        """The task planned before and after; None where there is no task, or nobody asked.
-
-        The calibrated arm has another best posture than the nominal one where its errors differ enough.
-        """
+        """The task planned before and after; None where there is no task, or nobody asked."""
         request = self.calibration.request
         if not request.plan:
             return None
@@ -64,7 +55,6 @@ class Evaluation(DerivedAgain):
 
     @property
     def _next_step(self) -> tuple[Statement, ...]:
-        """The most urgent step: a systematic error comes before open parameters, these before repeats."""
         seen, found = self.assessment, self.calibration
         steps = {
             "diagnose": not seen.calibrated.zero,
@@ -76,7 +66,6 @@ class Evaluation(DerivedAgain):
         return (state(f"calibration.next-{next(step for step, due in steps.items() if due)}"),)
 
     def to_json(self) -> dict[str, Json]:
-        """Its part of the document ``calibration.json``."""
         plan = {} if self.comparison is None else {"posture": self.comparison.fields_json()}
         return {
             "assessment": self.assessment.fields_json(),

@@ -1,8 +1,8 @@
 """The scatter of the joints from the scatter of the tool point: variance components by (restricted) likelihood.
 
-Joint errors that change from repeat to repeat spread the tool point by ``J diag(σ²) Jᵀ``, differently at every
-posture, and the instrument adds ``s² I`` everywhere: postures with different ``J`` separate the joints from each other
-and from the instrument (Brethé, Vasselin, Lefebvre, Dakyo 2005: stochastic ellipsoids).
+Joint errors that change from repeat to repeat spread the tool point by ``J diag(σ²) Jᵀ``, differently at every posture,
+and the instrument adds ``s² I`` everywhere: postures with different ``J`` separate the joints from each other and from
+the instrument (Brethé, Vasselin, Lefebvre, Dakyo 2005: stochastic ellipsoids).
 """
 
 from __future__ import annotations
@@ -20,27 +20,20 @@ from posture_opt.validation.variance_components import Components
 
 @dataclass(frozen=True, eq=False)
 class JointVariances:
-    """Standard deviations of the joints and of the instrument.
+    """Standard deviations of the joints and of the instrument."""
 
-    Args:
-        names: (n,) the joints' errors, ``JOINT.theta`` or ``JOINT.d``.
-        sigma: (n,) standard deviations [rad, m], 0 or more.
-        std: (n,) standard errors of ``sigma``; of a σ of 0, by how much it may be more; infinite where the data do not
-            determine it.
-        interval: (n, 2) 95 % intervals of ``sigma`` by the profile likelihood.
-        instrument, instrument_std: the instrument's standard deviation of a coordinate [m], error 0 where it was
-            given; ``instrument_interval`` as above.
-        log_likelihood: at the maximum; of the contrasts within groups where there are groups.
-    """
-
-    names: tuple[str, ...]
-    sigma: Array
+    names: tuple[str, ...]  # (n,) the joints' errors, ``JOINT.theta`` or ``JOINT.d``
+    sigma: Array  # (n,) standard deviations [rad, m], 0 or more
+    # (n,) standard errors of ``sigma``; of a σ of 0, by how much it may be more; infinite where the data do not
+    # determine it
     std: Array
-    interval: Array
+    interval: Array  # (n, 2) 95 % intervals of ``sigma`` by the profile likelihood
+    # instrument, instrument_std: the instrument's standard deviation of a coordinate [m], error 0 where it was given;
+    # ``instrument_interval`` as above
     instrument: float
     instrument_std: float
     instrument_interval: tuple[float, float]
-    log_likelihood: float
+    log_likelihood: float  # at the maximum; of the contrasts within groups where there are groups
 
     def covariance(self, columns: Array) -> Array:
         """``s² I + J diag(σ²) Jᵀ`` (N, d, d) [m²] at the postures of ``columns`` (N, d, n) [m/rad, m/m]."""
@@ -65,22 +58,15 @@ def estimate_joint_variances(
 ) -> JointVariances:
     """Standard deviations of the joints that make measured errors likeliest.
 
-    ``error ~ N(μ_group or 0, s² I + J diag(σ²) Jᵀ)`` with ``σ ≥ 0``. The restricted likelihood (Patterson,
-    Thompson 1971) of the contrasts within groups does not know the group means. Fisher scoring on the variances,
-    each step a non-negative least squares problem: the covariance is linear in them, so that the step to
-    ``θ = I(θ)⁻¹ u(θ)`` is the Newton step with the expected information (Searle, Casella, McCulloch 1992, 6.6).
+    ``error ~ N(μ_group or 0, s² I + J diag(σ²) Jᵀ)`` with ``σ ≥ 0``. The restricted likelihood (Patterson, Thompson
+    1971) of the contrasts within groups does not know the group means. Fisher scoring on the variances, each step a
+    non-negative least squares problem: the covariance is linear in them, so that the step to ``θ = I(θ)⁻¹ u(θ)`` is the
+    Newton step with the expected information (Searle, Casella, McCulloch 1992, 6.6).
 
-    Args:
-        errors: (N, d) [m], d = 1, 2 or 3.
-        columns: (N, d, n) shift of the tool point by a unit of each joint's error [m/rad, m/m].
-        groups: (N,) rows of one code repeat one posture; ``None`` takes the errors to be about zero.
-        instrument: standard deviation s of a measured coordinate [m]; a start where ``fit_instrument``.
-        equal: one standard deviation for all joints whose name does not end in ``.d``.
-        names: (n,) the joints' errors.
-        known: (N, d, d) covariance of the errors besides [m²], as that of a prediction; not with ``groups``.
-
-    Raises:
-        InsufficientDataError: no group has two rows, or fewer coordinates than unknowns.
+    errors (N, d) [m], d = 1, 2 or 3; columns (N, d, n) shift of the tool point by a unit of each joint's error [m/rad,
+    m/m]; groups (N,) rows of one code repeat one posture; ``None`` takes the errors to be about zero; instrument:
+    standard deviation s of a measured coordinate [m]; a start where ``fit_instrument``; names (n,) the joints' errors;
+    known (N, d, d) covariance of the errors besides [m²], as that of a prediction; not with ``groups``.
     """
     named = tuple(names) or tuple(f"joint{i + 1}.theta" for i in range(columns.shape[2]))
     scatter = Scatter.of(np.asarray(errors, dtype=float), np.asarray(columns, dtype=float), groups, known)
@@ -99,12 +85,7 @@ def fit_joint_variances(
 ) -> JointVariances:
     """As :func:`estimate_joint_variances`, from sums of squares; ``intervals`` are left open where not asked for.
 
-    Args:
-        scatter: sums of squares (G, d, d) [m²] with their degrees of freedom and joint columns.
-        intervals: off, intervals are (0, ∞): each end costs some maximisations.
-
-    Raises:
-        InsufficientDataError: fewer coordinates of scatter than unknown standard deviations.
+    scatter: sums of squares (G, d, d) [m²] with their degrees of freedom and joint columns.
     """
     model = Components.of(scatter, names, instrument, fit_instrument, equal)
     freedom = int(scatter.freedom.sum()) * scatter.squares.shape[1]
@@ -144,8 +125,7 @@ def _std_of_root(theta: Array, error: Array) -> Array:
 
     ``std(√θ) = std(θ) / (2 √θ)``, with √θ no less than half the root of the error.
 
-    Args:
-        theta: (c,) variances; error: (c,) their standard errors, infinite where the data do not determine them.
+    theta (c,) variances; error: (c,) their standard errors, infinite where the data do not determine them.
     """
     finite = np.where(np.isfinite(error), error, 0.0)
     steep = 2 * np.maximum(np.sqrt(theta), np.sqrt(finite) / 2)

@@ -14,23 +14,14 @@ from posture_opt.errors import InsufficientDataError
 from posture_opt.numerics import Array, Mask
 from posture_opt.validation.joint_variances import JointVariances, estimate_joint_variances
 
-_MIN_LEVER_SHARE = 0.1  # of the longest of a turning joint
-
 
 def likeliest_variances(
     errors: Array, known: Array, columns: Array, names: tuple[str, ...], instrument: float, *, fit: bool
 ) -> JointVariances | None:
     """One σ for all turning joints, unless the likelihood speaks clearly for one each (Schwarz 1978).
 
-    ``None`` where the errors do not determine it. Joints that move what was measured little share the common σ.
-
-    Args:
-        errors: (N, d) about zero [m]; ``known`` (N, d, d) part of their covariance [m²].
-        columns: (N, d, n) shift of the tool point by a unit of each joint's error [m/rad, m/m].
-        instrument: σ of a coordinate [m]; a start where ``fit``.
-
-    Returns:
-        σ of every joint; of the common model the same for all turning joints.
+    errors (N, d) about zero [m]; ``known`` (N, d, d) part of their covariance [m²]; columns (N, d, n) shift of the tool
+    point by a unit of each joint's error [m/rad, m/m]; instrument: σ of a coordinate [m]; a start where ``fit``.
     """
     try:
         common = estimate_joint_variances(
@@ -62,21 +53,14 @@ def likeliest_variances(
 
 
 def _allowed_sigmas(noise: JointVariances) -> Array:
-    """(n,) σ's to predict with: where the data allow none, half of the most that they allow.
-
-    That is the root mean square of a half normal whose 95 % end it is. A likeliest σ of zero would predict a region
-    without thickness, and little data find one often.
-    """
+    """(n,) σ's to predict with: where the data allow none, half of the most that they allow."""
     low, high = noise.interval.T
     return np.where((low <= 0) & np.isfinite(high), np.maximum(noise.sigma, high / 2), noise.sigma)
 
 
 def _strong_joints(columns: Array, names: tuple[str, ...]) -> Mask:
-    """(n,) which joints move what was measured far enough to have a σ of their own.
-
-    The last joint of an arm turns the tool point a little about itself: asked alone, it would have to swing by degrees
-    to explain what others leave.
-    """
+    """(n,) which joints move what was measured far enough to have a σ of their own."""
     lever = np.sqrt(np.mean(np.sum(columns**2, axis=1), axis=0))
     turning = np.array([not name.endswith(".d") for name in names])
-    return np.asarray(~turning | (lever > _MIN_LEVER_SHARE * lever[turning].max(initial=0.0)))
+    # 0.1 of the longest of a turning joint
+    return np.asarray(~turning | (lever > 0.1 * lever[turning].max(initial=0.0)))

@@ -23,40 +23,25 @@ from posture_opt.uncertainty.regions.coverage_radius import central_radii
 from posture_opt.uncertainty.regions.regions import coverage_factor
 from posture_opt.validation.coverage import squared_distances
 
-_ELSEWHERE_RATIO = 20  # times the predicted distance: no spread is that much understated
-
-_MIN_ROWS = 20  # rows: fewer say little about a share of 95 %
-
 
 @dataclass(frozen=True, eq=False)
 class MeasuredErrors:
-    """Measured rows compared with what is predicted where they lie.
+    """Measured rows compared with what is predicted where they lie."""
 
-    Args:
-        place: (M, 3) tool point of the rows by the model [m], world.
-        cell: (M,) the target in whose cell each lies; -1 for none.
-        near: (M,) whether they lie in a cell that has a prediction.
-        uncorrected, corrected: (M,) distance of the measured from the modelled tool point [m], by the arm without
-            its corrections and as the file states it.
-        limit: (M,) distance that 95 % of all rows should keep in the cell, the instrument's part included [m]; NaN
-            off the map.
-        inside: (M,) whether a row lies in the 95 % region that is predicted for its own posture.
-        comparable: whether the rows show all of the error: not where they touch points, or where frames are fitted
-            to them.
-        reach: rows count as near the map within this distance of its plane [m]; 0 where all lie in it.
-        remarks: what the rows are, and why they may not be comparable.
-    """
-
-    place: Array
-    cell: Codes
-    near: Mask
+    place: Array  # (M, 3) tool point of the rows by the model [m], world
+    cell: Codes  # (M,) the target in whose cell each lies; -1 for none
+    near: Mask  # (M,) whether they lie in a cell that has a prediction
+    # uncorrected, corrected: (M,) distance of the measured from the modelled tool point [m], by the arm without its
+    # corrections and as the file states it
     uncorrected: Array
     corrected: Array
+    # (M,) distance that 95 % of all rows should keep in the cell, the instrument's part included [m]; NaN off the map
     limit: Array
-    inside: Mask
+    inside: Mask  # (M,) whether a row lies in the 95 % region that is predicted for its own posture
+    # whether the rows show all of the error: not where they touch points, or where frames are fitted to them
     comparable: bool
-    reach: float
-    remarks: tuple[Statement, ...] = ()
+    reach: float  # rows count as near the map within this distance of its plane [m]; 0 where all lie in it
+    remarks: tuple[Statement, ...] = ()  # what the rows are, and why they may not be comparable
 
     @property
     def statements(self) -> Iterator[Statement]:
@@ -79,7 +64,8 @@ class MeasuredErrors:
         than they are. Empty otherwise, and with fewer than 20 rows.
         """
         rows = len(self.cell)
-        if rows < _MIN_ROWS or abs(self.share - 0.95) <= 4 * math.sqrt(0.95 * 0.05 / rows):
+        # 20 rows: fewer say little about a share of 95 %
+        if rows < 20 or abs(self.share - 0.95) <= 4 * math.sqrt(0.95 * 0.05 / rows):
             return ""
         return "understated" if self.share < 0.95 else "overstated"
 
@@ -96,7 +82,6 @@ class MeasuredErrors:
         return float(np.mean(self.inside)) if self.comparable else math.nan
 
     def to_json(self) -> dict[str, Json]:
-        """Counts, shares, and lengths [m]."""
         return {
             "rows": len(self.cell),
             "rows_near": int(self.near.sum()),
@@ -115,12 +100,7 @@ def measured_errors(
 ) -> MeasuredErrors:  # fmt: skip
     """The rows of the first target, their errors by both arms, and what is predicted for them.
 
-    Args:
-        uncorrected: the problem with the arm without its corrections.
-        projected: (N, m, m) predicted covariance at the targets [m²]; NaN where there is no posture.
-
-    Raises:
-        InputError: no row of the first target, several robots, or rows that are neither positions nor touched points.
+    projected (N, m, m) predicted covariance at the targets [m²]; NaN where there is no posture.
     """
     if data.position is None and not data.touches:
         message = f"a map predicts positions, and these rows are {data.kind.noun}"
@@ -146,7 +126,8 @@ def measured_errors(
     inside = _inside_regions(problem.robot, tool_point, data, errors[1], instrument)
     lengths = [np.linalg.norm(e, axis=1) for e in errors]
     reach = 0.0 if len(projected[0]) < 3 else targets.grid.sides[2] / 2
-    elsewhere = not free and not data.touches and float(np.median(lengths[1])) > _ELSEWHERE_RATIO * np.nanmedian(limits)
+    # 20 times the predicted distance: no spread is that much understated
+    elsewhere = not free and not data.touches and float(np.median(lengths[1])) > 20 * np.nanmedian(limits)
     remarks += [state("validation.measured-elsewhere")] if elsewhere else []
     comparable = not data.touches and not free and not elsewhere
     near = (cell >= 0) & np.isfinite(limits[cell])

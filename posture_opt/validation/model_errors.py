@@ -1,7 +1,4 @@
-"""The deviations of a model from measurements: by direction, and whether they scatter about zero, anywhere.
-
-A mean that is not zero is an error that the model repeats; it can be corrected. What scatters about zero cannot.
-"""
+"""The deviations of a model from measurements: by direction, and whether they scatter about zero, anywhere."""
 
 from __future__ import annotations
 
@@ -14,26 +11,17 @@ from posture_opt.numerics import Array, Codes, Json, finite_or_none, rms
 from posture_opt.uncertainty.regions.regions import RANK_TOLERANCE
 
 TEST_LEVEL = 0.05  # of the tests: so often a mean that is zero is called not zero
-_MIN_BLOCK_GROUPS = 8  # groups of rows in a block: with fewer in space, Hotelling's test sees next to nothing
-_MAX_BLOCKS = 16  # blocks: as many as a person takes in
 _DIRECTION_TOLERANCE = 1e-6  # rad: rounding of a direction that was written down
 
 
 @dataclass(frozen=True, eq=False)
 class MeanTest:
-    """Hotelling's test of a mean of zero.
+    """Hotelling's test of a mean of zero."""
 
-    Args:
-        mean: (d,) [m].
-        error: (d,) standard errors of it [m].
-        groups: number of independent vectors.
-        p_value: probability of a mean that far off, were the true one zero; NaN with too few vectors.
-    """
-
-    mean: Array
-    error: Array
-    groups: int
-    p_value: float
+    mean: Array  # (d,) [m]
+    error: Array  # (d,) standard errors of it [m]
+    groups: int  # number of independent vectors
+    p_value: float  # probability of a mean that far off, were the true one zero; NaN with too few vectors
 
     @property
     def zero(self) -> bool:
@@ -41,7 +29,6 @@ class MeanTest:
         return not self.p_value < TEST_LEVEL
 
     def to_json(self) -> dict[str, Json]:
-        """Plain numbers [m]."""
         return {
             "mean": self.mean.tolist(), "std_error": [finite_or_none(v) for v in self.error], "groups": self.groups,
             "p_value": finite_or_none(self.p_value),
@@ -50,10 +37,7 @@ class MeanTest:
 
 @dataclass(frozen=True, eq=False)
 class BlockMean:
-    """The mean in one block, from ``lower`` to ``upper`` (k,) [m, rad]; ``zero`` is family-wise.
-
-    The blocks are those of the workspace, or of the joint values where no position was measured.
-    """
+    """The mean in one block, from ``lower`` to ``upper`` (k,) [m, rad]; ``zero`` is family-wise."""
 
     lower: Array
     upper: Array
@@ -61,7 +45,6 @@ class BlockMean:
     zero: bool
 
     def to_json(self) -> dict[str, Json]:
-        """Plain numbers [m]."""
         box = {"lower": self.lower.tolist(), "upper": self.upper.tolist()}
         return {**box, **self.test.to_json(), "zero": self.zero}
 
@@ -73,12 +56,6 @@ def mean_test(vectors: Array) -> MeanTest:
     distribution F(d, n − d) where the true mean is zero. Directions without any variance are left out of it.
 
     Source: H. Hotelling, Ann. Math. Stat. 2 (1931) 360.
-
-    Example:
-        >>> import numpy as np
-        >>> found = mean_test(np.array([[1.0], [2.0], [3.0]]))
-        >>> float(found.mean[0]), round(found.p_value, 3), found.zero
-        (2.0, 0.074, True)
     """
     n, d = vectors.shape
     mean = vectors.mean(axis=0)
@@ -130,10 +107,6 @@ def holm_rejections(p_values: list[float], size: float = TEST_LEVEL) -> list[boo
     kept.
 
     Source: S. Holm, Scand. J. Stat. 6 (1979) 65.
-
-    Example:
-        >>> holm_rejections([0.01, 0.04, 0.03])
-        [True, False, False]
     """
     given_up = [False] * len(p_values)
     for rank, index in enumerate(np.argsort(p_values)):
@@ -144,9 +117,10 @@ def holm_rejections(p_values: list[float], size: float = TEST_LEVEL) -> list[boo
 
 
 def _cut_blocks(places: Array) -> list[Codes]:
-    """Rows of each block: halves of halves across the longest side, of a size that a test can work with."""
     blocks: list[Codes] = [np.arange(len(places))]
-    while len(blocks) < _MAX_BLOCKS and len(blocks[0]) >= 2 * _MIN_BLOCK_GROUPS:
+    # 8 groups of rows in a block: with fewer in space, Hotelling's test sees next to nothing
+    # 16 blocks: as many as a person takes in
+    while len(blocks) < 16 and len(blocks[0]) >= 2 * 8:
         halves = []
         for rows in blocks:
             longest = np.argmax(np.ptp(places[rows], axis=0))
@@ -158,17 +132,11 @@ def _cut_blocks(places: Array) -> list[Codes]:
 
 @dataclass(frozen=True)
 class Deviation:
-    """Deviations along one direction, or the lengths of those in a plane or in space [m].
+    """Deviations along one direction, or the lengths of those in a plane or in space [m]."""
 
-    Args:
-        name: ``x``, ``y``, ``z``, ``along`` and ``across`` the task's direction, or ``all``.
-        bias: mean, with its sign along a direction; length of the mean vector otherwise.
-        rms, mean, p95, max: of the sizes.
-    """
-
-    name: str
-    bias: float
-    rms: float
+    name: str  # ``x``, ``y``, ``z``, ``along`` and ``across`` the task's direction, or ``all``
+    bias: float  # mean, with its sign along a direction; length of the mean vector otherwise
+    rms: float  # rms, mean, p95, max: of the sizes
     mean: float
     p95: float
     max: float
@@ -185,22 +153,16 @@ class Deviation:
 
 @dataclass(frozen=True, eq=False)
 class ModelErrors:
-    """Deviations of one model: by direction, and whether they scatter about zero.
+    """Deviations of one model: by direction, and whether they scatter about zero."""
 
-    Args:
-        deviations: cross-validated, one entry a direction.
-        mean: test of the mean over all poses; ``None`` for touched points, whose places are not known otherwise.
-        blocks: tests of the means in blocks of the workspace, for touched points in blocks of the joint values;
-            empty with too few poses.
-        coordinate: RMS of one coordinate [m].
-        beyond3: share of the coordinates beyond three standard deviations of their axis; 0.27 % of normal ones.
-    """
-
-    deviations: tuple[Deviation, ...]
+    deviations: tuple[Deviation, ...]  # cross-validated, one entry a direction
+    # test of the mean over all poses; ``None`` for touched points, whose places are not known otherwise
     mean: MeanTest | None
+    # tests of the means in blocks of the workspace, for touched points in blocks of the joint values; empty with too
+    # few poses
     blocks: tuple[BlockMean, ...]
-    coordinate: float
-    beyond3: float
+    coordinate: float  # RMS of one coordinate [m]
+    beyond3: float  # share of the coordinates beyond three standard deviations of their axis; 0.27 % of normal ones
 
     @property
     def zero(self) -> bool:
@@ -208,7 +170,6 @@ class ModelErrors:
         return (self.mean is None or self.mean.zero) and all(block.zero for block in self.blocks)
 
     def to_json(self) -> dict[str, Json]:
-        """Plain numbers [m]."""
         return {
             "deviations": {d.name: {k: v for k, v in vars(d).items() if k != "name"} for d in self.deviations},
             "mean_test": None if self.mean is None else self.mean.to_json(),
@@ -221,14 +182,8 @@ class ModelErrors:
 def model_errors(data: Measurements, errors: Array, fitted: Array, axes: Codes, direction: Array | None) -> ModelErrors:
     """The deviations of one model from measurements, measured minus model [m].
 
-    Args:
-        errors: (N, 3) of rows that the model has not seen.
-        fitted: (N, 3) of the model fitted to all rows; the means of these are tested.
-        axes: the coordinates that were measured.
-        direction: (3,) unit vector of the task.
-
-    Returns:
-        Deviations by direction; a direction of the task is left out where the measured axes do not span it.
+    errors (N, 3) of rows that the model has not seen; fitted (N, 3) of the model fitted to all rows; the means of these
+    are tested; direction (3,) unit vector of the task.
     """
     parts = [("xyz"[axis], errors[:, [axis]]) for axis in axes]
     if direction is not None:

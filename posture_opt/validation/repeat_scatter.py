@@ -16,27 +16,19 @@ from posture_opt.validation.prediction import ErrorSources, joint_columns, joint
 from posture_opt.validation.scatter_model import Scatter
 
 COPY_TOLERANCE_M = 1e-9  # m: repeats that agree to less are one row written twice
-_MIN_FREEDOM_PER_AXIS = 2  # freedom per dimension: with less the likelihood ratio is not χ² even with Bartlett's factor
 
 
 @dataclass(frozen=True, eq=False)
 class RepeatScatter:
-    """Scatter between repeats, and what the problem predicts of it.
+    """Scatter between repeats, and what the problem predicts of it."""
 
-    Args:
-        scatter: of the postures commanded more than once.
-        covariances: (G, d, d) predicted there [m²], and their ``test``; ``None`` where the problem says nothing of it.
-        by: ``visit`` or ``joints``, see `repeat_errors`.
-        stated_sigma: (n,) of each joint from repeat to repeat, as stated [rad, m].
-        outlying: lines of postures that were left out.
-    """
-
-    scatter: Scatter
+    scatter: Scatter  # of the postures commanded more than once
+    # (G, d, d) predicted there [m²], and their ``test``; ``None`` where the problem says nothing of it
     covariances: Array | None
     test: ScatterTest | None
-    by: str
-    stated_sigma: Array
-    outlying: tuple[int, ...]
+    by: str  # ``visit`` or ``joints``, see `repeat_errors`
+    stated_sigma: Array  # (n,) of each joint from repeat to repeat, as stated [rad, m]
+    outlying: tuple[int, ...]  # lines of postures that were left out
 
     @property
     def sigma(self) -> float:
@@ -47,15 +39,7 @@ class RepeatScatter:
 
     @classmethod
     def of(cls, used: Residuals, calibration: Calibration, errors: ErrorSources) -> RepeatScatter:
-        """Of the rows that a calibration kept.
-
-        Postures whose repeats agree to `COPY_TOLERANCE_M` are copies of one row and do not count; postures whose
-        scatter is far from that of all others are left out and listed.
-
-        Args:
-            used: the arm against the rows that count.
-            errors: sources of the problem, split in what stays and what scatters.
-        """
+        """Of the rows that a calibration kept."""
         data = used.data
         between, by = repeat_errors(errors, used)
         driven = joint_errors(used.robot)
@@ -85,9 +69,8 @@ class RepeatScatter:
 def repeat_errors(errors: ErrorSources, residuals: Residuals) -> tuple[Array, str]:
     """The covariance of what changes between repeats; where the problem says nothing of it, σ's of joint values.
 
-    Returns:
-        (k, k) covariance [rad², m²], and ``visit`` if the problem states scatter, ``joints`` if σ's of joints replace
-            it.
+    Returns (k, k) covariance [rad², m²], and ``visit`` if the problem states scatter, ``joints`` if σ's of joints
+    replace it.
     """
     if errors.scatter.any():
         return errors.scatter, "visit"
@@ -102,49 +85,35 @@ def prismatic_joints(residuals: Residuals) -> Mask:
 
 @dataclass(frozen=True)
 class PoseScatter:
-    """The scatter about the mean at one posture.
+    """The scatter about the mean at one posture."""
 
-    Args:
-        line: of the first repeat; ``n`` repeats.
-        measured, predicted: standard deviation of a coordinate, root of the mean over the axes [m].
-        factor: measured over predicted, in the metric of the prediction.
-        p_size, p_shape: probabilities of scatter so different in size, or in shape too (NaN with too few repeats), were
-            the prediction true; ``true`` whether nothing speaks against it, all postures tested together.
-    """
-
-    line: int
+    line: int  # of the first repeat; ``n`` repeats
     n: int
-    measured: float
+    measured: float  # measured, predicted: standard deviation of a coordinate, root of the mean over the axes [m]
     predicted: float
-    factor: float
+    factor: float  # measured over predicted, in the metric of the prediction
+    # p_size, p_shape: probabilities of scatter so different in size, or in shape too (NaN with too few repeats), were
+    # the prediction true; ``true`` whether nothing speaks against it, all postures tested together
     p_size: float
     p_shape: float
     true: bool
 
     def to_json(self) -> dict[str, Json]:
-        """Plain numbers [m]."""
         shape = None if np.isnan(self.p_shape) else self.p_shape
         return {**vars(self), "p_shape": shape}
 
 
 @dataclass(frozen=True, eq=False)
 class ScatterTest:
-    """Scatter between repeats against its prediction.
+    """Scatter between repeats against its prediction."""
 
-    Args:
-        rows, groups: rows that repeat a posture, and how many postures.
-        factor: measured over predicted standard deviation, pooled; ``interval`` holds it with 95 %.
-        p_size, p_shape: as of a posture, over all of them.
-        poses: those with most repeats first.
-    """
-
-    rows: int
+    rows: int  # rows, groups: rows that repeat a posture, and how many postures
     groups: int
-    factor: float
+    factor: float  # measured over predicted standard deviation, pooled; ``interval`` holds it with 95 %
     interval: tuple[float, float]
-    p_size: float
+    p_size: float  # p_size, p_shape: as of a posture, over all of them
     p_shape: float
-    poses: tuple[PoseScatter, ...]
+    poses: tuple[PoseScatter, ...]  # those with most repeats first
 
     @property
     def verdict(self) -> str:
@@ -153,7 +122,6 @@ class ScatterTest:
         return "right" if low <= 1 <= high else "understated" if self.factor > 1 else "overstated"
 
     def to_json(self) -> dict[str, Json]:
-        """Plain numbers [m]."""
         return {
             "visits": self.rows, "postures": self.groups, "factor": self.factor,
             "factor_interval95": list(self.interval), "p_size": self.p_size,
@@ -165,14 +133,13 @@ class ScatterTest:
 def scatter_test(scatter: Scatter, covariances: Array, lines: Codes) -> ScatterTest:
     """Sums of squares A_g with ν_g degrees of freedom against predicted covariances C_g (G, d, d) [m²].
 
-    Size: ``tr(C_g⁻¹ A_g) ~ χ²(ν_g d)``, exactly, so that the pooled ``f² = Σ tr(C⁻¹ A) / Σ ν d`` has the interval
-    ``Σ tr / χ²``. Size and shape: ``ν (tr(C⁻¹S) − ln |C⁻¹S| − d) ~ χ²(d (d + 1) / 2)`` for ``S = A / ν``, with
-    Bartlett's factor ``1 − (2d² + 3d − 1) / (6 ν (d + 1))`` (Anderson 2003, 10.8), where ν is 2 d or more.
-    Postures are judged together by Holm's (1979) rule.
+    Size: ``tr(C_g⁻¹ A_g) ~ χ²(ν_g d)``, exactly, so that the pooled ``f² = Σ tr(C⁻¹ A) / Σ ν d`` has the interval ``Σ
+    tr / χ²``. Size and shape: ``ν (tr(C⁻¹S) − ln |C⁻¹S| − d) ~ χ²(d (d + 1) / 2)`` for ``S = A / ν``, with Bartlett's
+    factor ``1 − (2d² + 3d − 1) / (6 ν (d + 1))`` (Anderson 2003, 10.8), where ν is 2 d or more. Postures are judged
+    together by Holm's (1979) rule.
 
-    Args:
-        lines: (G,) the line of each posture's first repeat.
-        scatter: sums of squares and degrees of freedom of G postures; covariances: predicted (G, d, d) [m²].
+    lines (G,) the line of each posture's first repeat; scatter: sums of squares and degrees of freedom of G postures;
+    covariances: predicted (G, d, d) [m²].
     """
     from scipy.special import chdtrc, chdtri
 
@@ -211,10 +178,10 @@ def scatter_test(scatter: Scatter, covariances: Array, lines: Codes) -> ScatterT
 def _likelihood_ratios(whitened: Array, nu: Array, d: int) -> tuple[Array, Mask]:
     """Statistics (G,) of the test of size and shape with Bartlett's factor, and where it holds (G,).
 
-    Args:
-        whitened: (G, d, d) ``C⁻¹ A``; nu: (G,) degrees of freedom.
+    whitened (G, d, d) ``C⁻¹ A``; nu: (G,) degrees of freedom.
     """
-    used = nu >= _MIN_FREEDOM_PER_AXIS * d
+    # 2 freedom per dimension: with less the likelihood ratio is not χ² even with Bartlett's factor
+    used = nu >= 2 * d
     safe = np.where(used[:, None, None], whitened / nu[:, None, None], np.eye(d))
     ratio = nu * (np.trace(safe, axis1=-2, axis2=-1) - np.linalg.slogdet(safe)[1] - d)
     return np.maximum(ratio * (1 - (2 * d * d + 3 * d - 1) / (6 * nu * (d + 1))), 0.0), used

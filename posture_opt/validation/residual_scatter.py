@@ -29,16 +29,9 @@ from posture_opt.validation.prediction import (
 )
 from posture_opt.validation.scatter_limit import ScatterLimit, scatter_limit
 
-_TRAINING_SHARE = 0.8  # of the rows taught the arm that predicts a row: five folds
-_NEGLIGIBLE_SHARE = 0.3  # of the instrument's standard deviation
-_MAX_RELATIVE_ERROR = 0.5  # of a standard deviation: with a larger standard error the data do not determine it
-
 
 def residual_scatter(
-    problem: ProblemData,
-    calibration: Calibration,
-    named: Sequence[NoiseEffect] = (),
-    fitted: Array | None = None,
+    problem: ProblemData, calibration: Calibration, named: Sequence[NoiseEffect] = (), fitted: Array | None = None
 ) -> JointScatter:
     """The joints' scatter that explains best what a calibration and the instrument leave unexplained.
 
@@ -48,15 +41,6 @@ def residual_scatter(
     1978). What of it exceeds the limit that repeats show, else the file or the data sheet states, is no scatter: the
     model errs by that much, alike at every repeat (``staying``). Where nothing shows a limit, all of it is an upper
     bound.
-
-    Where the data cannot distinguish the scatter from none, and do not speak against it, the problem's own is returned:
-    its repeatability, the σ's of its joints, or what the robot's data sheet says.
-
-    The noise of a joint that effects of the problem speak of, or the effects ``named`` in these data, is known: it is
-    that of the effects and what the problem states in addition, and is not sought again.
-
-    Args:
-        fitted: as of `scatter_limit`.
     """
     own, stated = scatter_of_effects(problem.robot, problem.effects), stated_scatter(problem)
     said = scatter_of_effects(problem.robot, [*problem.effects, *named])
@@ -84,10 +68,6 @@ def residual_scatter(
 
 
 def _split_scatter(total: JointScatter, fixed: Mapping[str, float], limit: ScatterLimit | None) -> JointScatter:
-    """What the calibration leaves, split in scatter and what stays at a posture.
-
-    That of joints that are ``fixed`` is scatter.
-    """
     if limit is None:
         bound = "an upper bound, as repeats are too few to separate it from errors of the model"
         return replace(total, note=f"scatter of the joints from {total.note}: {bound}")
@@ -102,7 +82,6 @@ def _split_scatter(total: JointScatter, fixed: Mapping[str, float], limit: Scatt
 
 
 def _with_effects(scatter: JointScatter, said: Mapping[str, float], added: bool = True) -> JointScatter:
-    """The scatter with the part that effects say, ``added`` unless it is in it, and the note says so."""
     if not said:
         return scatter
     note = f"{scatter.note}; that of {', '.join(said)} is listed under effects"
@@ -121,17 +100,14 @@ def unseen_errors(calibration: Calibration) -> tuple[Array, Array, Codes]:
     rows = calibration.kept_rows
     kept = residuals.take(rows)
     none = np.zeros(residuals.robot.n)
-    known = calibrated_prediction(kept, calibration.x, calibration.covariance, none, 0.0, _TRAINING_SHARE).covariance
+    # 0.8 of the rows taught the arm that predicts a row: five folds
+    known = calibrated_prediction(kept, calibration.x, calibration.covariance, none, 0.0, 0.8).covariance
     return calibration.errors[np.ix_(rows, kept.axes)], known, rows
 
 
 def _from_data(
     problem: ProblemData, calibration: Calibration, fixed: Mapping[str, float]
 ) -> tuple[JointVariances, bool] | None:
-    """The likeliest scatter of the joints whose own is not ``fixed``, and whether the instrument's was given.
-
-    ``None`` where the data do not determine it.
-    """
     errors, known, rows = unseen_errors(calibration)
     columns, names = joint_columns(calibration.residuals.take(rows), calibration.x), joint_errors(problem.robot)
     still = np.array([name in fixed for name in names])
@@ -140,13 +116,15 @@ def _from_data(
     columns, names = columns[:, :, ~still], tuple(name for name in names if name not in fixed)
     stated = position_sigma(problem, calibration.residuals.data)
     size = rms(errors)
-    if size <= _NEGLIGIBLE_SHARE * stated or not size > 0:
+    # 0.3 of the instrument's standard deviation
+    if size <= 0.3 * stated or not size > 0:
         return None  # better than their instrument: made up, or the instrument is another one
     if stated:
         noise = likeliest_variances(errors, known, columns, names, stated, fit=False)
         return (noise, True) if noise is not None else None
     noise = likeliest_variances(errors, known, columns, names, size, fit=True)
-    if noise is None or not noise.sigma.any() or not noise.instrument_std < _MAX_RELATIVE_ERROR * noise.instrument:
+    # 0.5 of a standard deviation: with a larger standard error the data do not determine it
+    if noise is None or not noise.sigma.any() or not noise.instrument_std < 0.5 * noise.instrument:
         # The instrument's σ is not stated, and the data do not separate it from the joints: all of it is theirs.
         noise = likeliest_variances(errors, known, columns, names, 0.0, fit=False)
     return (noise, False) if noise is not None else None
@@ -186,8 +164,8 @@ def covariance_under(calibration: Calibration, scatter: JointScatter, without: C
 def _inverse_without_rows(A: Array, rows: Residuals, x: Array) -> Array:
     """The inverse ``A`` (k, k) of the normal equations without some rows.
 
-    ``A + A Jᵀ (I − J A Jᵀ)⁻¹ J A = S (I − G)⁻¹ Sᵀ`` with ``A = S Sᵀ`` and ``G = Sᵀ JᵀJ S``: as large as the
-    unknowns, whatever the number of rows.
+    ``A + A Jᵀ (I − J A Jᵀ)⁻¹ J A = S (I − G)⁻¹ Sᵀ`` with ``A = S Sᵀ`` and ``G = Sᵀ JᵀJ S``: as large as the unknowns,
+    whatever the number of rows.
     """
     n = len(rows.data) * rows.block
     if not n:
@@ -200,7 +178,6 @@ def _inverse_without_rows(A: Array, rows: Residuals, x: Array) -> Array:
 
 
 def _is_compatible(noise: JointVariances, stated: Mapping[str, float]) -> bool:
-    """Whether all standard deviations may be zero as well as those that are stated."""
     nothing = not noise.interval[:, 0].any()
     upper = dict(zip(noise.names, noise.interval[:, 1], strict=True))
     return nothing and all(sigma <= upper.get(name, math.inf) for name, sigma in stated.items())

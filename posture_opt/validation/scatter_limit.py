@@ -1,8 +1,4 @@
-"""How far joints scatter from repeat to repeat at the most: as repeats show, or a file or data sheet says.
-
-What a calibration leaves of the errors holds the scatter and whatever the model lacks, which is the same at every
-repeat of a posture. Only the first is scatter.
-"""
+"""How far joints scatter from repeat to repeat at the most: as repeats show, or a file or data sheet says."""
 
 from __future__ import annotations
 
@@ -24,17 +20,11 @@ from posture_opt.validation.repeat_scatter import prismatic_joints
 
 @dataclass(frozen=True)
 class ScatterLimit:
-    """The most that the joints' errors scatter from repeat to repeat.
+    """The most that the joints' errors scatter from repeat to repeat."""
 
-    Args:
-        sigma: JOINT.theta or JOINT.d -> standard deviation [rad or m].
-        source: a clause on where it is from.
-        shown: whether repeats show so much, and not only allow it.
-    """
-
-    sigma: Mapping[str, float]
-    source: str
-    shown: bool = False
+    sigma: Mapping[str, float]  # JOINT.theta or JOINT.d -> standard deviation [rad or m]
+    source: str  # a clause on where it is from
+    shown: bool = False  # whether repeats show so much, and not only allow it
 
 
 def scatter_limit(
@@ -42,15 +32,12 @@ def scatter_limit(
 ) -> ScatterLimit | None:
     """The limit by repeats where there are enough, else by what is stated; ``None`` where nothing determines it.
 
-    Args:
-        fixed: σ of joints that is known already; it is not sought again.
-        fitted: (m, d) errors of the kept rows by the arm fitted to all of them [m]; the calibration's by default.
+    fitted (m, d) errors of the kept rows by the arm fitted to all of them [m]; the calibration's by default.
     """
     return _by_repeats(problem, calibration, fixed, fitted) or _as_stated(problem)
 
 
 def _as_stated(problem: ProblemData) -> ScatterLimit | None:
-    """The limit by the file's scatter, else by the data sheet's repeatability (ISO 9283); None without both."""
     sources = problem.sources
     total = dict(zip(sources.names, map(float, np.sqrt(np.diag(sources.scatter))), strict=True))
     stated = {name: s for name, s in total.items() if s > 0}

@@ -16,25 +16,16 @@ from posture_opt.validation.repeat_scatter import COPY_TOLERANCE_M, RepeatScatte
 from posture_opt.validation.residual_scatter import unseen_errors
 from posture_opt.validation.scatter_model import Scatter, joint_covariances
 
-_SCATTER_FOLDS = 5
-_MIN_LEVER_SHARE = 0.01  # of the longest lever
-_COORDINATES_PER_SIGMA = 4  # coordinates of scatter for each σ: with fewer, one for all joints is asked for
-
 
 @dataclass(frozen=True)
 class ScatterPrediction:
-    """How likely one model makes what was left out, against the round one: per measured row, natural logarithm.
+    """How likely one model makes what was left out, against the round one: per measured row, natural logarithm."""
 
-    Args:
-        model: ``joints`` (one σ for each), ``one_sigma`` (the same for all joints), ``round`` (one σ for all
-            directions at all postures), ``stated`` (what the problem file says; nothing estimated).
-        log_likelihood: mean per row.
-        gain: mean difference to ``round``, with its standard error over postures.
-    """
-
+    # ``joints`` (one σ for each), ``one_sigma`` (the same for all joints), ``round`` (one σ for all directions at all
+    # postures), ``stated`` (what the problem file says; nothing estimated)
     model: str
-    log_likelihood: float
-    gain: float
+    log_likelihood: float  # mean per row
+    gain: float  # mean difference to ``round``, with its standard error over postures
     gain_std: float
 
     @property
@@ -43,7 +34,6 @@ class ScatterPrediction:
         return None if abs(self.gain) <= 2 * self.gain_std else self.gain > 0
 
     def to_json(self) -> dict[str, Json]:
-        """Plain numbers."""
         return dict(vars(self))
 
 
@@ -52,14 +42,8 @@ def predict_scatter(
 ) -> tuple[ScatterPrediction, ...]:
     """Models of the scatter fitted at four fifths of the postures, and how they predict the last fifth.
 
-    The log-likelihood of data that a model was not fitted to needs no penalty for the number of its parameters.
-
-    The empty tuple where the postures are too few.
-
-    Args:
-        groups: (G,) cases of one code are left out together.
-        stated: (G, d, d) covariances that the problem file states [m²], if it does.
-        instrument: where the search for the instrument's σ starts [m].
+    groups (G,) cases of one code are left out together; stated (G, d, d) covariances that the problem file states [m²],
+    if it does; instrument: where the search for the instrument's σ starts [m].
     """
     parts = _fold_parts(groups)
     if len(parts) < 2:
@@ -81,11 +65,10 @@ def predict_scatter(
 
 
 def _fold_parts(groups: Codes) -> list[Codes]:
-    """The cases of each of `_SCATTER_FOLDS` folds, codes of one group together; empty with fewer than two groups."""
     names = np.random.default_rng(0).permutation(np.unique(groups))
     if len(names) < 2:
         return []
-    return [np.flatnonzero(np.isin(groups, part)) for part in np.array_split(names, min(_SCATTER_FOLDS, len(names)))]
+    return [np.flatnonzero(np.isin(groups, part)) for part in np.array_split(names, min(5, len(names)))]
 
 
 def _scatter_models(train: Scatter, test: Scatter, names: tuple[str, ...], instrument: float) -> dict[str, Array]:
@@ -101,7 +84,6 @@ def _scatter_models(train: Scatter, test: Scatter, names: tuple[str, ...], instr
 
 
 def _fitted_variances(train: Scatter, names: tuple[str, ...], instrument: float, equal: bool) -> JointVariances | None:
-    """Variance components of the training cases; None where they are too few."""
     try:
         return fit_joint_variances(train, names, instrument, True, equal, intervals=False)
     except InsufficientDataError:
@@ -111,9 +93,8 @@ def _fitted_variances(train: Scatter, names: tuple[str, ...], instrument: float,
 def _held_out(name: str, values: Array, rival: Array, freedom: Array, groups: Codes) -> ScatterPrediction:
     """The mean log-likelihood per row of one model, and its difference to that of the rival with its standard error.
 
-    Args:
-        values, rival: (G,) log-likelihoods of the cases left out; freedom: (G,) rows less one of each.
-        groups: (G,) codes, over which the standard error is taken.
+    values, rival (G,) log-likelihoods of the cases left out; freedom: (G,) rows less one of each; groups (G,) codes,
+    over which the standard error is taken.
     """
     rows = float(freedom.sum())
     codes = np.unique(groups, return_inverse=True)[1]
@@ -126,13 +107,7 @@ def _held_out(name: str, values: Array, rival: Array, freedom: Array, groups: Co
 def observed_variances(
     between: RepeatScatter, used: Residuals, calibration: Calibration, groups: Codes
 ) -> tuple[JointVariances | None, tuple[ScatterPrediction, ...]]:
-    """σ of joints and instrument from repeats where there are any, else from what the calibration leaves.
-
-    There the uncertainty of its parameters is a known part of every error, which is no instrument's.
-
-    Returns:
-        The variances, None where they cannot be estimated; and models of the scatter, compared on postures left out.
-    """
+    """σ of joints and instrument from repeats where there are any, else from what the calibration leaves."""
     names = joint_errors(used.robot)
     if len(between.scatter.freedom):
         scatter, codes, stated = between.scatter, np.arange(len(between.scatter.freedom)), between.covariances
@@ -145,7 +120,8 @@ def observed_variances(
     if not scatter.squares.max(initial=0.0) > COPY_TOLERANCE_M**2:
         return None, ()
     coordinates = float(scatter.freedom.sum()) * scatter.squares.shape[1]
-    equal = coordinates < _COORDINATES_PER_SIGMA * (len(names) + 1)
+    # 4 coordinates of scatter for each σ: with fewer, one for all joints is asked for
+    equal = coordinates < 4 * (len(names) + 1)
     try:
         noise = fit_joint_variances(scatter, names, used.sigma, True, equal)
     except InsufficientDataError:
@@ -156,5 +132,6 @@ def observed_variances(
 def worth_showing(residuals: Residuals, x: Array, noise: JointVariances | None) -> Mask:
     """(n,) whether the data could show a joint's scatter: it moves the point, and its σ is determined."""
     lever = np.sqrt(np.mean(np.sum(joint_columns(residuals, x) ** 2, axis=1), axis=0))
-    moving = lever > _MIN_LEVER_SHARE * np.where(prismatic_joints(residuals), 0.0, lever.max())
+    # 0.01 of the longest lever
+    moving = lever > 0.01 * np.where(prismatic_joints(residuals), 0.0, lever.max())
     return np.asarray(moving & (noise.determined if noise is not None else True))

@@ -35,9 +35,6 @@ from posture_opt.validation.repeat_scatter import RepeatScatter, ScatterTest
 from posture_opt.validation.residual_scatter import covariance_under, residual_scatter
 from posture_opt.validation.scatter_prediction import ScatterPrediction, observed_variances, worth_showing
 
-_MIN_DRAW_SHARE = 0.1  # of the rows: as far as one draw of the errors that stay moves the share
-_MAX_SCATTER_RATIO = 2.0  # times the scatter between repeats: larger residuals than that are no scatter
-_MAX_PAIRS = 3
 _WHEN = {"nominal": "before", "calibrated": "after"}
 _SOURCES = {"visit": "the scatter in the file", "joints": "the σ's of joint values in the file"}
 _JOINT_MODELS = {"joints": "one σ for each joint", "one_sigma": "one σ for all joints"}
@@ -196,7 +193,6 @@ def check_spread(
 
 
 def _coverage_statements(found: SpreadCheck) -> Iterator[Statement]:
-    """What share the predicted region contains, whether the spread is right, and what limits that."""
     name = "nominal" if found.stated else "calibrated"
     c = found.coverage[name]
     low, high, factor = (Quantity(v, "number") for v in (*c.factor_interval, c.factor))
@@ -209,25 +205,25 @@ def _coverage_statements(found: SpreadCheck) -> Iterator[Statement]:
             more, held = ("more" if one.concentration > 0 else "less"), Quantity(one.held(0.5), "share")
             yield state(f"validation.{more}-concentrated", model, model=_WHEN[model], share=held)
     least, most = found.coverage["nominal"].expected
-    if found.stated and most - least > _MIN_DRAW_SHARE:
+    # 0.1 of the rows: as far as one draw of the errors that stay moves the share
+    if found.stated and most - least > 0.1:
         yield state("validation.one-draw", low=Quantity(least, "share"), high=Quantity(most, "share"))
     yield from _unknowable(found)
 
 
 def _unknowable(found: SpreadCheck) -> Iterator[Statement]:
-    """What the problem says of a type of robots, and no single robot can show."""
     if found.correlated:
-        yield state("validation.correlation-of-type", pairs=found.correlated[:_MAX_PAIRS])
+        yield state("validation.correlation-of-type", pairs=found.correlated[:3])
 
 
 def _repeat_statements(found: SpreadCheck) -> Iterator[Statement]:
-    """Scatter between repeats, next to the residuals and to what the file states of scatter."""
     test = found.repeats
     if not found.repeat_sigma:
         yield state("validation.scatter-inseparable")
         return
     repeat, residual = Quantity(found.repeat_sigma), Quantity(found.residual_rms)
-    if found.residual_rms < _MAX_SCATTER_RATIO * found.repeat_sigma:
+    # 2.0 times the scatter between repeats: larger residuals than that are no scatter
+    if found.residual_rms < 2.0 * found.repeat_sigma:
         yield state("validation.mostly-scatter", repeat=repeat, residual=residual)
     else:
         share = Quantity(found.systematic_share, "share")
@@ -245,7 +241,6 @@ def _repeat_statements(found: SpreadCheck) -> Iterator[Statement]:
 
 
 def _joint_statements(found: SpreadCheck) -> Iterator[Statement]:
-    """Where the scatter of the joints was estimated from, and whether it predicts other postures."""
     if found.noise is None:
         return
     yield state("validation.joints-from-repeats" if found.from_repeats else "validation.joints-from-residuals")
@@ -261,7 +256,6 @@ def _joint_statements(found: SpreadCheck) -> Iterator[Statement]:
 
 
 def _correlated_pairs(problem: ProblemData) -> tuple[str, ...]:
-    """Pairs of parameters whose errors the problem states to be correlated."""
     names = problem.sources.names
     pairs = np.argwhere(np.triu(problem.sources.constant, 1) != 0)
     return tuple(f"{names[i]} with {names[j]}" for i, j in pairs)
@@ -288,7 +282,6 @@ def held_out_predictions(
 
 
 def _by_folds(calibration: Calibration, scatter: JointScatter, parts: list[Codes]) -> Prediction:
-    """What is predicted of each row by an arm that has not seen its fold."""
     residuals, x = calibration.residuals, calibration.x
     J = parameter_columns(residuals, x)
     taught = 1 - 1 / max(len(parts), 2) if calibration.design > 1 else 1.0
@@ -310,7 +303,6 @@ def _instrument_sigma(scatter: JointScatter, residuals: Residuals) -> float:
 
 
 def _noise_json(found: SpreadCheck) -> dict[str, Json] | None:
-    """The entry ``noise`` of the document; None where no variances were estimated."""
     noise = found.noise
     if noise is None:
         return None

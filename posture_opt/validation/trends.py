@@ -16,26 +16,17 @@ _UNITS = {"time": (" h", 1 / 3600), "temperature": (" degC", 1.0), "payload": ("
 """Input -> unit in reports and factor from SI."""
 _MAX_BATCHES = 20  # of neighbouring rows, whose errors are alike: their means are taken for independent
 _MIN_BATCH_ROWS = 3  # rows of a batch
-_MIN_SIDED_BATCHES = 6  # batches with arrivals from both sides
-_MIN_LEVER_SHARE = 1e-9  # of the largest lever: a joint that does not move the tool point
 
 
 @dataclass(frozen=True, eq=False)
 class Trend:
-    """The straight line of errors over an input.
+    """The straight line of errors over an input."""
 
-    Args:
-        name: ``time``, ``row`` where no time was noted, ``temperature`` or ``payload``.
-        range: the smallest and the largest input [s, 1, degC or kg].
-        change: (d,) of the mean error from the one to the other [m]; ``error`` its standard errors.
-        p_value: of no change; ``found`` whether it is given up, together with the other inputs, at 5 %.
-    """
-
-    name: str
-    range: tuple[float, float]
-    change: Array
+    name: str  # ``time``, ``row`` where no time was noted, ``temperature`` or ``payload``
+    range: tuple[float, float]  # the smallest and the largest input [s, 1, degC or kg]
+    change: Array  # (d,) of the mean error from the one to the other [m]; ``error`` its standard errors
     error: Array
-    p_value: float
+    p_value: float  # of no change; ``found`` whether it is given up, together with the other inputs, at 5 %
     found: bool = False
 
     @property
@@ -50,7 +41,6 @@ class Trend:
         return f"{low} to {high}{unit}"
 
     def to_json(self) -> dict[str, Json]:
-        """Plain numbers."""
         return {
             "input": self.name, "range": list(self.range), "change": self.change.tolist(),
             "std_error": self.error.tolist(), "p_value": self.p_value, "found": self.found,
@@ -59,10 +49,7 @@ class Trend:
 
 @dataclass(frozen=True)
 class Sides:
-    """Mean error along a joint's motion where its value was increasing on arrival, minus where it was decreasing [m].
-
-    Lost motion makes it negative: the joint stops short.
-    """
+    """Mean error along a joint's motion on arrivals with increasing values, minus decreasing ones [m]."""
 
     joint: str
     difference: float
@@ -71,7 +58,6 @@ class Sides:
     found: bool = False
 
     def to_json(self) -> dict[str, Json]:
-        """Plain numbers [m]."""
         return {
             "joint": self.joint, "difference": self.difference, "std_error": self.error, "p_value": self.p_value,
             "found": self.found,
@@ -119,21 +105,17 @@ def trend_line(name: str, x: Array, errors: Array) -> Trend | None:
 def sides_of(data: Measurements, errors: Array, motions: list[Array]) -> tuple[Sides, ...]:
     """The joints that arrived often from both sides, and what that changes in the error along their motion.
 
-    Differences are taken within batches of neighbouring rows, where all else is much alike, and tested over them.
-
-    Args:
-        errors: (N, 3) [m].
-        motions: by joint, (N, 3) how it moves the tool point [m/rad or m/m].
+    errors (N, 3) [m]; motions: by joint, (N, 3) how it moves the tool point [m/rad or m/m].
     """
     found = []
     for k, motion in enumerate(motions):
         lever = np.linalg.norm(motion, axis=1)
-        moves = np.flatnonzero(
-            (lever > _MIN_LEVER_SHARE * max(lever.max(initial=0.0), 1.0)) & (data.approach[:, k] != 0)
-        )
+        # 1e-9 of the largest lever: a joint that does not move the tool point
+        moves = np.flatnonzero((lever > 1e-9 * max(lever.max(initial=0.0), 1.0)) & (data.approach[:, k] != 0))
         along = np.sum(errors * motion, axis=1)[moves] / lever[moves]
         differences = _side_differences(data.approach[moves, k], along)
-        if len(differences) >= _MIN_SIDED_BATCHES:
+        # 6 batches with arrivals from both sides
+        if len(differences) >= 6:
             found.append(_compare_sides(data.joint_names[k], differences))
     kept = holm_rejections([sides.p_value for sides in found])
     return tuple(
@@ -144,8 +126,7 @@ def sides_of(data: Measurements, errors: Array, motions: list[Array]) -> tuple[S
 def _side_differences(side: Array, along: Array) -> Array:
     """Mean of those that arrived increasing minus mean of those decreasing, in each batch that has both.
 
-    Args:
-        side: (M,) −1 or +1 of one joint; along: (M,) errors along the direction in which it moves the tool [m].
+    side (M,) −1 or +1 of one joint; along: (M,) errors along the direction in which it moves the tool [m].
     """
     rarer = min(int(np.count_nonzero(side < 0)), int(np.count_nonzero(side > 0)))
     batches = np.array_split(np.arange(len(side)), max(min(_MAX_BATCHES, rarer // _MIN_BATCH_ROWS), 1))
@@ -154,7 +135,6 @@ def _side_differences(side: Array, along: Array) -> Array:
 
 
 def _compare_sides(joint: str, differences: Array) -> Sides:
-    """Student's t test of the mean of differences between batches, two-sided."""
     from scipy.special import stdtr
 
     mean, error = float(differences.mean()), float(differences.std(ddof=1) / math.sqrt(len(differences)))

@@ -17,31 +17,17 @@ from posture_opt.uncertainty.regions.regions import NORMAL95
 from posture_opt.validation.scatter_model import Scatter
 
 _MAX_SCORING_STEPS = 200  # of Fisher scoring; five to twenty suffice
-_LIKELIHOOD_TOLERANCE = 1e-8  # of log-likelihood: what a further step would gain
-_PROFILE_TOLERANCE = 1e-3  # the same where an interval of 95 % is sought
-_MIN_ERROR_M = 1e-12  # m: less is rounding
-_MIN_INSTRUMENT_SHARE = 1e-6  # of the RMS error: an instrument of exactly no noise would make singular covariances
-_MIN_LEVER_SHARE = 1e-9  # of the longest lever: a joint that moves nothing
-_UNDETERMINED_SHARE = 0.05  # of an undetermined direction: a smaller part does not spoil a component
-_QUADRATIC_FREEDOM = 200.0  # degrees of freedom: from there on the likelihood is quadratic in log σ
-_INTERVAL_TOLERANCE = 0.03  # of the root of χ²: how exactly the end of an interval is found
 
 
 @dataclass(frozen=True, eq=False)
 class Components:
-    """Variances θ (c,) and the covariance ``known + Σ θ_c M_c`` that is linear in them.
+    """Variances θ (c,) and the covariance ``known + Σ θ_c M_c`` that is linear in them."""
 
-    Args:
-        scatter: sums of squares with their degrees of freedom.
-        member: (n, c) which component each joint's variance is; the instrument's is the last where it is fitted.
-        fixed: variance of the instrument that is taken as known [m²], or the floor that its component is counted from.
-        fitted: whether the instrument's variance is a component.
-    """
-
-    scatter: Scatter
-    member: Array
+    scatter: Scatter  # sums of squares with their degrees of freedom
+    member: Array  # (n, c) which component each joint's variance is; the instrument's is the last where it is fitted
+    # variance of the instrument that is taken as known [m²], or the floor that its component is counted from
     fixed: float
-    fitted: bool
+    fitted: bool  # whether the instrument's variance is a component
 
     @classmethod
     def of(cls, scatter: Scatter, names: tuple[str, ...], instrument: float, fitted: bool, equal: bool) -> Components:
@@ -52,7 +38,8 @@ class Components:
             common = alike.astype(float)[:, None]
             member = np.concatenate([common, member[:, ~alike]], axis=1)
         member = np.concatenate([member, np.zeros((len(names), int(fitted)))], axis=1)
-        floor = _MIN_INSTRUMENT_SHARE**2 * _mean_square(scatter)
+        # 1e-6 of the RMS error: an instrument of exactly no noise would make singular covariances
+        floor = 1e-6**2 * _mean_square(scatter)
         return cls(scatter, member, max(0.0 if fitted else instrument**2, floor), fitted)
 
     @property
@@ -61,16 +48,14 @@ class Components:
         return int(self.member.shape[1])
 
     def start(self) -> Array:
-        """Every component as large as would explain its part of all scatter.
-
-        A variance that moves nothing starts at zero.
-        """
+        """Every component as large as would explain its part of all scatter."""
         levers = np.einsum("gdn,gdn->n", self.scatter.columns, self.scatter.columns) @ self.member
         levers /= len(self.scatter.columns) * self.scatter.squares.shape[1]
         if self.fitted:
             levers[-1] = 1.0
         total = _mean_square(self.scatter)
-        moving = levers > _MIN_LEVER_SHARE**2 * levers.max(initial=0.0)
+        # 1e-9 of the longest lever: a joint that moves nothing
+        moving = levers > 1e-9**2 * levers.max(initial=0.0)
         return np.asarray(np.divide(total, self.size * levers, out=np.zeros(self.size), where=moving))
 
     @cached_property
@@ -114,10 +99,7 @@ class Components:
         return information, np.asarray(self.parts @ (inverse @ weighted @ inverse).ravel() / 2)
 
     def maximise(self, theta: Array, held: int | None = None) -> tuple[Array, float]:
-        """The likeliest variances, and their log-likelihood; the component ``held`` keeps its value.
-
-        Steps are halved until the likelihood does not fall; `_MAX_SCORING_STEPS` at the most.
-        """
+        """The likeliest variances, and their log-likelihood; the component ``held`` keeps its value."""
         value = self.log_likelihood(theta)
         if not np.isfinite(value):  # a covariance that is singular in floats
             return theta, value
@@ -133,7 +115,9 @@ class Components:
                     break
                 size /= 2
             value = max(value, before)
-            if value - before <= (_LIKELIHOOD_TOLERANCE if held is None else _PROFILE_TOLERANCE):
+            # 1e-8 of log-likelihood: what a further step would gain
+            # 1e-3 the same where an interval of 95 % is sought
+            if value - before <= (1e-8 if held is None else 1e-3):
                 break
         return theta, value
 
@@ -159,37 +143,27 @@ class Components:
         return moved
 
     def errors(self, theta: Array) -> Array:
-        """(c,) standard errors of the variances; infinite where the data do not determine them.
-
-        Directions of the scaled information below 1e-9 of the largest are unseen; a component with a part in one has no
-        error.
-        """
+        """(c,) standard errors of the variances; infinite where the data do not determine them."""
         information = self.normal(theta)[0]
         scale = _unit_diagonal(information)
         values, vectors = np.linalg.eigh(information * np.outer(scale, scale))
         known = values > 1e-9 * max(values[-1], 1e-300)
         spread = np.sum(vectors[:, known] ** 2 / values[known], axis=1)
-        lost = np.linalg.norm(vectors[:, ~known], axis=1) > _UNDETERMINED_SHARE
+        # 0.05 of an undetermined direction: a smaller part does not spoil a component
+        lost = np.linalg.norm(vectors[:, ~known], axis=1) > 0.05
         return np.where(lost | (np.diag(information) <= 0), np.inf, np.sqrt(spread) * scale)
 
     def interval(self, theta: Array, best: float, k: int, error: float) -> tuple[float, float]:
-        """The 95 % interval of one variance: where the others, made likeliest, leave the likelihood high enough.
-
-        Where the data determine it well, ``exp(± 1.96 error/θ)`` about θ, as the likelihood is quadratic in log σ
-        there.
-        """
+        """The 95 % interval of one variance: where the others, made likeliest, leave the likelihood high enough."""
         if not np.isfinite(error):
             return 0.0, np.inf
-        if theta[k] > 0 and 2 * (theta[k] / error) ** 2 > _QUADRATIC_FREEDOM:
+        # 200 degrees of freedom: from there on the likelihood is quadratic in log σ
+        if theta[k] > 0 and 2 * (theta[k] / error) ** 2 > 200.0:
             spread = np.exp(NORMAL95 * error / theta[k])
             return float(theta[k] / spread), float(theta[k] * spread)
         return self._interval_end(theta, best, k, error, -1), self._interval_end(theta, best, k, error, 1)
 
     def _interval_end(self, theta: Array, best: float, k: int, error: float, side: int) -> float:
-        """Where the profile of the likelihood falls by half the 95 % quantile of χ².
-
-        The root of the fall is nearly linear in the variance: regula falsi, with the Illinois rule, is quick.
-        """
         near, enough = theta, NORMAL95
 
         def beyond(value: float) -> float:
@@ -222,7 +196,8 @@ def _illinois_root(
     for _ in range(_MAX_SCORING_STEPS):
         middle = (a * high - b * low) / (high - low)
         found = function(middle)
-        if abs(found) < _INTERVAL_TOLERANCE:
+        # 0.03 of the root of χ²: how exactly the end of an interval is found
+        if abs(found) < 0.03:
             break
         kept = found > 0
         if kept == former:  # twice on one side: the other end weighs half
@@ -238,7 +213,8 @@ def _illinois_root(
 def _mean_square(scatter: Scatter) -> float:
     """The mean square of a coordinate of the scatter [m²], 1e-24 at the least."""
     total = float(np.trace(scatter.squares, axis1=-2, axis2=-1).sum())
-    return max(total / float(scatter.freedom.sum() * scatter.squares.shape[1]), _MIN_ERROR_M**2)
+    # 1e-12 m: less is rounding
+    return max(total / float(scatter.freedom.sum() * scatter.squares.shape[1]), 1e-12**2)
 
 
 def _unit_diagonal(information: Array) -> Array:

@@ -17,27 +17,18 @@ FRAMES = ("base", "tool")
 
 @dataclass(frozen=True, eq=False)
 class Contradiction:
-    """Something that the file states as known and the data refute; it was set aside and fitted.
+    """Something that the file states as known and the data refute; it was set aside and fitted."""
 
-    Args:
-        cause: what differs from the file.
-        estimate: parameter -> (deviation from the file, standard error, SI unit).
-        sigma: the stated standard deviation of a parameter [SI]; 0 of a frame, which is stated as exact.
-        p_value: of the likelihood ratio.
-        rms_stated: RMS position error [m] of the arm calibrated as stated; ``rms`` with all contradictions set aside.
-        gain: relative drop of the RMS on rows left out by setting this one aside, everything else fitted again.
-    """
-
-    cause: Cause
-    estimate: Mapping[str, tuple[float, float, str]]
-    sigma: float
-    p_value: float
+    cause: Cause  # what differs from the file
+    estimate: Mapping[str, tuple[float, float, str]]  # parameter -> (deviation from the file, standard error, SI unit)
+    sigma: float  # the stated standard deviation of a parameter [SI]; 0 of a frame, which is stated as exact
+    p_value: float  # of the likelihood ratio
+    # RMS position error [m] of the arm calibrated as stated; ``rms`` with all contradictions set aside
     rms_stated: float
     rms: float
-    gain: float
+    gain: float  # relative drop of the RMS on rows left out by setting this one aside, everything else fitted again
 
     def to_json(self) -> dict[str, Json]:
-        """The entry of ``contradictions`` in ``calibration.json``."""
         return {
             "kind": self.cause.kind,
             "target": self.cause.target,
@@ -53,23 +44,17 @@ class Refuted:
     """Statements that the data refute: frames, and names of parameters whose σ is wrong.
 
     The p-value of all of them together is that of Wilks (1938): ``P(χ²_f > 2 · evidence)`` with f = ``freedom``.
-
-    Args:
-        sigma: parameter -> its stated σ [SI]; none of frames.
-        evidence: logarithm of the likelihood ratio of all of them.
-        freedom: how many parameters they hold.
-        rms_stated, rms: RMS position error [m] of the arm calibrated with and without them.
-        coupling: of two joints, which the file does not state and without which the data make no sense.
-        gains: what each of them brings beside the others, by name; of the coupling by its kind.
     """
 
     names: tuple[str, ...] = ()
-    sigma: Mapping[str, float] | None = None
-    evidence: float = 0.0
-    freedom: int = 1
-    rms_stated: float = 0.0
+    sigma: Mapping[str, float] | None = None  # parameter -> its stated σ [SI]; none of frames
+    evidence: float = 0.0  # logarithm of the likelihood ratio of all of them
+    freedom: int = 1  # how many parameters they hold
+    rms_stated: float = 0.0  # rms_stated, rms: RMS position error [m] of the arm calibrated with and without them
     rms: float = 0.0
+    # of two joints, which the file does not state and without which the data make no sense
     coupling: JointCoupling | None = None
+    # what each of them brings beside the others, by name; of the coupling by its kind
     gains: Mapping[str, float] = field(default_factory=dict)
 
     def contradictions(self, fit: Fit) -> tuple[Contradiction, ...]:

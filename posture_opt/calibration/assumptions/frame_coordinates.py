@@ -1,8 +1,4 @@
-"""Free frames near gimbal lock: fitted by small turns, reported in roll, pitch and yaw.
-
-At a pitch of ±90° roll and yaw turn about one axis: their sum or difference is all that matters, and a fit in them
-takes steps without end. Small angles about the start have no such place nearby.
-"""
+"""Free frames near gimbal lock: fitted by small turns, reported in roll, pitch and yaw."""
 
 from __future__ import annotations
 
@@ -18,27 +14,17 @@ from posture_opt.measurements.rotations import roll_pitch_yaw
 from posture_opt.numerics import Array, Mask
 from posture_opt.robot.robot import Factor, Robot, frame_factors
 
-_LOCKED_COSINE = 0.1  # cosine of the pitch: below, a turn about one axis takes large turns of roll against yaw
 _MIN_COSINE = 0.01  # cosine of the pitch in standard errors of roll and yaw, which would be endless at ±90°
-_LOCK_STD_ERRORS = 5.0  # standard errors from the lock: from there on roll and yaw have errors as others have
-_LOOSE_SHARE = 1e-3  # of an undetermined turn: a smaller part of it in an angle is no matter
 _ANGLE_NAMES = ("yaw", "pitch", "roll")
 
 
 @dataclass(frozen=True, eq=False)
 class Chart:
-    """The unknowns of ``given`` as they are reported, and those of ``fitted`` as they are fitted.
-
-    In ``fitted`` a locked frame is ``Trans(x, y, z) R₀ Rz(yaw) Ry(pitch) Rx(roll)`` with small angles; in ``given`` it
-    is ``Trans(x, y, z) Rz(yaw) Ry(pitch) Rx(roll)``. Where no frame is locked both are the same.
-
-    Args:
-        locked: which of ``base`` and ``tool`` start within 6° of a pitch of ±90°.
-    """
+    """The unknowns of ``given`` as they are reported, and those of ``fitted`` as they are fitted."""
 
     given: Residuals
     fitted: Residuals
-    locked: tuple[str, ...]
+    locked: tuple[str, ...]  # which of ``base`` and ``tool`` start within 6° of a pitch of ±90°
 
     @classmethod
     def of(cls, residuals: Residuals) -> Chart:
@@ -52,7 +38,8 @@ class Chart:
             if not free[frame] or any(f"{frame}.{turn}" not in value for turn in _ANGLE_NAMES):
                 continue
             angles = {turn: factors[f"{frame}.{turn}"].nominal + value[f"{frame}.{turn}"] for turn in _ANGLE_NAMES}
-            if abs(math.cos(angles["pitch"])) < _LOCKED_COSINE:
+            # 0.1 cosine of the pitch: below, a turn about one axis takes large turns of roll against yaw
+            if abs(math.cos(angles["pitch"])) < 0.1:
                 small = _unlocked_factors(frame, getattr(robot, frame), angles)
                 robot = replace(robot, base=small) if frame == "base" else replace(robot, tool=small)
                 locked.append(frame)
@@ -74,19 +61,17 @@ class Chart:
         return np.asarray(self._rates(x) @ directions) if self.locked else directions
 
     def given_determined(self, x: Array, fixed: Mask, covariance: Array) -> Mask:
-        """Which of ``given``'s are determined (k,): an angle is, where all the turns are that it is made of.
-
-        Where the lock itself lies within the errors (``covariance`` of ``fitted``), roll and yaw have no values of
-        their own.
-        """
-        loose = np.asarray((np.abs(self._rates(x)) * ~fixed > _LOOSE_SHARE).any(axis=1))
+        """Which of ``given``'s are determined (k,): an angle is, where all the turns are that it is made of."""
+        # 1e-3 of an undetermined turn: a smaller part of it in an angle is no matter
+        loose = np.asarray((np.abs(self._rates(x)) * ~fixed > 1e-3).any(axis=1))
         for frame in self.locked:
             yaw, pitch, roll = at = self._angle_indices(frame)
             angles = roll_pitch_yaw(
                 frame_rotation(getattr(self.fitted.robot, frame), dict(zip(_ANGLE_NAMES, x[at], strict=True)))
             )
             tilt = math.sqrt(max(covariance[yaw, yaw], covariance[pitch, pitch], 0.0))
-            if abs(math.cos(angles["pitch"])) < max(_MIN_COSINE, _LOCK_STD_ERRORS * tilt):
+            # 5.0 standard errors from the lock: from there on roll and yaw have errors as others have
+            if abs(math.cos(angles["pitch"])) < max(_MIN_COSINE, 5.0 * tilt):
                 loose[[yaw, roll]] = True
         return np.asarray(~loose)
 
@@ -106,13 +91,11 @@ class Chart:
         return G
 
     def _angle_indices(self, frame: str) -> list[int]:
-        """Indices of yaw, pitch and roll of a frame among the parameters."""
         names = [p.name for p in self.given.parameters]
         return [names.index(f"{frame}.{turn}") for turn in _ANGLE_NAMES]
 
 
 def _unlocked_factors(frame: str, factors: tuple[Factor, ...], angles: dict[str, float]) -> tuple[Factor, ...]:
-    """The factors of a frame: its angles as a constant rotation R₀, then small angles as the parameters."""
     shifts = tuple(f for f in factors if f.kind == "translate")
     turned = frame_factors(frame, (0.0, 0.0, 0.0), (angles["roll"], angles["pitch"], angles["yaw"]))[3:]
     small = frame_factors(frame, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))[3:]
@@ -120,7 +103,6 @@ def _unlocked_factors(frame: str, factors: tuple[Factor, ...], angles: dict[str,
 
 
 def _in_robot(residuals: Residuals, robot: Robot) -> Residuals:
-    """The same unknowns in a robot with other nominal factors."""
     nominal = {name: factor.nominal for name, factor in robot.parameters.items()}
     parameters = (replace(p, nominal=nominal.get(p.source, p.nominal)) for p in residuals.parameters)
     return residuals.of_robot(robot, tuple(parameters))

@@ -31,18 +31,10 @@ from posture_opt.selection.problem_data import ProblemData
 DEFAULT_SIGMA_M = 0.1e-3  # m, of an instrument that the file says nothing of; only a stated prior depends on it
 
 _MAX_TOOL_REACHES, _MAX_BASE_REACHES = 2.0, 3.0  # times the reach of the arm: farther off, no frame can be
-_MAX_PLACE_REACHES = 10.0  # times the reach: no camera, anchor or touched point is outside the hall
 
 
 def arm_and_data(problem: ProblemData, data: Measurements) -> tuple[Residuals, tuple[str, ...]]:
-    """The arm of a problem against measurements, and sentences on what was assumed.
-
-    The σ of a coordinate is that of the problem's instrument, `DEFAULT_SIGMA_M` where none is stated; it scales the
-    residuals and matters only against a prior. Orientations count only where a σ is stated for them.
-
-    Raises:
-        InputError: measurements of several robots, or distances between points that no row touches.
-    """
+    """The arm of a problem against measurements, and sentences on what was assumed."""
     if len(data.robot_names) > 1:
         names = ", ".join(f"'{name}'" for name in data.robot_names)
         hint = "calibrate the batch, or one robot at a time"
@@ -68,10 +60,7 @@ def arm_and_data(problem: ProblemData, data: Measurements) -> tuple[Residuals, t
 
 
 def unknown_parameters(problem: ProblemData, data: Measurements) -> tuple[Parameter, ...]:
-    """The candidates without what the problem file states as known: frames neither free nor given a σ.
-
-    Several targets are several points of one tool, of which the file can state but one: their offsets are unknown.
-    """
+    """The candidates without what the problem file states as known: frames neither free nor given a σ."""
     found = candidate_parameters(problem.robot, data)
     stated = prior_covariance(problem, found)[0]
     free = {"base": problem.robot.base_free, "tool": tool_unknown(problem.robot, data)}
@@ -79,11 +68,6 @@ def unknown_parameters(problem: ProblemData, data: Measurements) -> tuple[Parame
 
 
 def _known_distances(problem: ProblemData, data: Measurements, sigma: float) -> tuple[Distance, ...]:
-    """Known distances, each as certain as the instrument (the play of the ball in its socket).
-
-    Raises:
-        InputError: a stated distance names a point that no row touches.
-    """
     points = data.kind.touched_points(data.point_names)
     if not points:
         return ()
@@ -105,9 +89,8 @@ def _known_distances(problem: ProblemData, data: Measurements, sigma: float) -> 
 def fit_frames(residuals: Residuals, known: Array | None = None) -> Array:
     """Deviations (k,) from nominal with only what is free fitted: frames and touched points.
 
-    Args:
-        known: (k,) deviations of a fit to more rows: the search for places starts there, as few rows may leave open on
-            which side of the arm an anchor is.
+    known (k,) deviations of a fit to more rows: the search for places starts there, as few rows may leave open on which
+    side of the arm an anchor is.
     """
     x0 = starting_deviations(residuals)
     if known is not None:
@@ -119,12 +102,8 @@ def fit_frames(residuals: Residuals, known: Array | None = None) -> Array:
 def fit_groups(residuals: Residuals, x0: Array, groups: Collection[str]) -> Fit | None:
     """The estimate of the parameters of some groups alone, or ``None`` where there are none.
 
-    A tool stays as near to its start as the size of the arm asks: without that, tool and base would run away together
-    where the data hardly distinguish them.
-
-    Args:
-        x0: (k,) deviations [rad, m] where the fit starts; groups: of ``geometry``, ``base``, ``tool``, ``effect``,
-            ``place``.
+    x0 (k,) deviations [rad, m] where the fit starts; groups: of ``geometry``, ``base``, ``tool``, ``effect``,
+    ``place``.
     """
     found = _determined_directions(residuals, x0, groups)
     if found is None:
@@ -138,10 +117,7 @@ def fit_groups(residuals: Residuals, x0: Array, groups: Collection[str]) -> Fit 
 
 
 def _determined_directions(residuals: Residuals, x0: Array, groups: Collection[str]) -> tuple[Array, float] | None:
-    """(k, rank) what the data determine of the parameters of some groups, or ``None`` where there are none.
-
-    Beside it the standard deviation of what they leave, in units of the instrument's, at least 1.
-    """
+    """(k, rank) what the data determine of the parameters of some groups, or ``None`` where there are none."""
     columns = [i for i, p in enumerate(residuals.parameters) if p.group in groups]
     if not columns:
         return None
@@ -158,13 +134,7 @@ def _determined_directions(residuals: Residuals, x0: Array, groups: Collection[s
 def frames_again(residuals: Residuals, x: Array) -> tuple[Residuals, Array]:
     """Base and tool fitted again, though the problem file may state them as known: the wider arm and its deviations.
 
-    Touched points, which are unknown, are fitted with them.
-
-    Args:
-        x: (k,) deviations of ``residuals.parameters`` [rad, m].
-
-    Raises:
-        InputError: the frames would bend to any measurements.
+    x (k,) deviations of ``residuals.parameters`` [rad, m].
     """
     data = residuals.data
     robot = replace(residuals.robot, base_free=True, tool_free=True)
@@ -188,8 +158,7 @@ def frames_again(residuals: Residuals, x: Array) -> tuple[Residuals, Array]:
 def places_again(residuals: Residuals, x: Array) -> tuple[Residuals, Array]:
     """The places of the rows fitted, as planes and anchors, the arm as it is: with these unknowns, and all deviations.
 
-    Args:
-        x: (k,) deviations of ``residuals.parameters`` [rad, m], none of which is of a place.
+    x (k,) deviations of ``residuals.parameters`` [rad, m], none of which is of a place.
     """
     places = tuple(p for p in place_parameters(residuals.data) if p.group == "place")
     if not places:
@@ -203,12 +172,7 @@ def places_again(residuals: Residuals, x: Array) -> tuple[Residuals, Array]:
 
 
 def held_length(residuals: Residuals, priors: bool = True) -> int | None:
-    """The length that is held where an arm touches points or planes and no known distance determines its size.
-
-    A smaller arm in a smaller world misses its points by less: left to the fit, the arm would shrink to nothing.
-    The longest one between the second and the last joint is held, as what lies before or behind is not the arm's alone;
-    where there is none, the longest of all. With ``priors`` none is: the tolerances of all lengths hold the size.
-    """
+    """The length that is held where an arm touches points or planes and no known distance determines its size."""
     robot = residuals.robot
     kind = residuals.data.kind
     if kind.fixes_size or residuals.distances or (priors and kind.leaves_geometry_open):
@@ -232,17 +196,15 @@ def far_places(residuals: Residuals, x: Array) -> dict[str, float]:
     for name in {p.name.rpartition(".")[0] for p in residuals.parameters if p.group == "place"}:
         if all(f"{name}.{axis}" in value for axis in "xyz"):
             away = float(np.linalg.norm(np.array([value[f"{name}.{axis}"] for axis in "xyz"]) - foot))
-            found |= {name: away} if away > _MAX_PLACE_REACHES * reach(residuals.robot) else {}
+            # 10.0 times the reach: no camera, anchor or touched point is outside the hall
+            found |= {name: away} if away > 10.0 * reach(residuals.robot) else {}
     return found
 
 
 def far_frames(residuals: Residuals, x: Array) -> dict[str, float]:
     """Free frames that are where none can be, and how far off [m]: data that do not determine them let them run away.
 
-    A tool is no longer than twice its arm, and no arm reaches points that are three times its reach from its base.
-
-    Args:
-        x: (k,) deviations of the calibrated arm [rad, m].
+    x (k,) deviations of the calibrated arm [rad, m].
     """
     robot, data = residuals.robot, residuals.data
     value = {p.name: p.nominal + v for p, v in zip(residuals.parameters, x, strict=True)}

@@ -53,23 +53,16 @@ _INSPECTIONS = {
 
 @dataclass(frozen=True)
 class GeometricDeviation(Cause):
-    """A wrong geometric parameter of a joint or link, a wrong frame, or many of them together.
+    """A wrong geometric parameter of a joint or link, a wrong frame, or many of them together."""
 
-    Args:
-        kind: ``joint_offset``, ``link_length``, ``link_offset``, ``link_twist``, ``axis_tilt``, ``base_frame``,
-            ``tool_frame`` or ``geometry``.
-        target: the joint or frame; ``all`` of ``geometry``.
-    """
-
+    # ``joint_offset``, ``link_length``, ``link_offset``, ``link_twist``, ``axis_tilt``, ``base_frame``, ``tool_frame``
+    # or ``geometry``
     kind: str
-    target: str
+    target: str  # the joint or frame; ``all`` of ``geometry``
 
     @classmethod
     def of(cls, parameter: Parameter) -> GeometricDeviation:
-        """The deviation of one parameter.
-
-        The kind follows from the last part of its name: ``theta`` is an offset of the joint, ``a`` a length, and so on.
-        """
+        """The deviation of one parameter."""
         prefix, _, last = parameter.name.rpartition(".")
         if parameter.group in ("base", "tool"):
             return cls(f"{parameter.group}_frame", parameter.group)

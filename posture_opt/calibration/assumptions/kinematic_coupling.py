@@ -14,18 +14,7 @@ from posture_opt.model.effects import JointCoupling
 
 
 def full_coupling(arm: Arm, data: Measurements, measurement: object) -> JointCoupling | None:
-    """The coupling of ratio ±1 without which no base and no tool lets the nominal arm come near the data, if any.
-
-    The controller counts the angle of a joint from the horizon or from another link, so that its value is off by all
-    of another joint's: no small effect, and none that a linear search could find.
-
-    Args:
-        measurement: the instrument's standard deviations.
-
-    Returns:
-        The coupling ``q_b ← q_b + ratio · q_a``; None unless it explains the rows where nothing simpler does, or the
-            arm has it already.
-    """
+    """The coupling of ratio ±1 without which no base and no tool lets the nominal arm come near the data, if any."""
     sample = sample_of(data, arm, measurement)
     if sample is None:
         return None

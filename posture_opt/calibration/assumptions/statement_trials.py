@@ -24,9 +24,7 @@ from posture_opt.numerics import Array, rms_length
 from posture_opt.selection.problem_data import ProblemData
 
 _STUDENT_FREEDOM = 4.0  # of Student's t, by which a few gross errors decide nothing (Lange, Little, Taylor 1989)
-_LINEAR_ERROR_SHARE = 0.01  # of the reach: what a tangent leaves beyond that, only a fit of its own can judge
 _DETERMINED_STRENGTH = 2.0  # σ of the data that a tolerance moves: more than a prior does
-_LEAST_OF_UNSTATED = 0.01  # of the σ taken where none is stated: 1 µm, as of the best trackers
 
 _P = TypeVar("_P", bound=ProblemData)
 
@@ -40,23 +38,15 @@ def released_problem(problem: _P, names: Sequence[str]) -> _P:
 
 @dataclass(frozen=True, eq=False)
 class StatementTrial:
-    """The arm calibrated with some statements ``released``, at the estimate x (k,).
-
-    The trials of all combinations of statements share one scale, so that their likelihoods can be compared.
-
-    Args:
-        e: (N, block) residuals; ``known`` (p, k) rows of the prior, as the data weigh it.
-        count: how many combinations of parameters the data determine.
-        least: that the instrument's σ can be, over the one that residuals are counted in.
-    """
+    """The arm calibrated with some statements ``released``, at the estimate x (k,)."""
 
     released: tuple[str, ...]
     residuals: Residuals
     x: Array
-    e: Array
+    e: Array  # (N, block) residuals; ``known`` (p, k) rows of the prior, as the data weigh it
     known: Array
-    count: int
-    least: float
+    count: int  # how many combinations of parameters the data determine
+    least: float  # that the instrument's σ can be, over the one that residuals are counted in
 
     @cached_property
     def scale(self) -> float:
@@ -79,10 +69,7 @@ class StatementTrial:
 
 
 def scale_of(e: Array, count: int, least: float) -> float:
-    """The standard deviation of residuals e (N, block) from their median length, no less than ``least``.
-
-    ``count`` parameters were fitted.
-    """
+    """The standard deviation of residuals e (N, block) from their median length, no less than ``least``."""
     from scipy.special import gammaincinv
 
     N, block = e.shape
@@ -92,8 +79,6 @@ def scale_of(e: Array, count: int, least: float) -> float:
 
 def negative_log_likelihood(e: Array, known: Array, scale: float) -> float:
     """Minus the logarithm of the likelihood of residuals (N, block) under Student's t of a ``scale``.
-
-    And of ``known`` (p,), how far what the prior holds is from it in units of the same scale, under a Gaussian.
 
     ``(ν + d)/2 Σ log(1 + |e_i|² / (ν s²)) + |known|² / (2 s²)``, up to a constant; ν = `_STUDENT_FREEDOM`, d = block.
     """
@@ -105,9 +90,8 @@ def negative_log_likelihood(e: Array, known: Array, scale: float) -> float:
 class StatementTrials(Generic[_P]):
     """The statements of one problem against one file, each combination of them fitted once.
 
-    Attributes:
-        statements: names of frames that are stated as exact, then of parameters with a stated σ.
-        sigma: of the latter [rad or m].
+    statements: names of frames that are stated as exact, then of parameters with a stated σ. sigma: of the latter [rad
+    or m].
     """
 
     def __init__(self, problem: _P, data: Measurements, priors: bool, effects: Sequence[Effect] = ()) -> None:
@@ -137,10 +121,7 @@ class StatementTrials(Generic[_P]):
 
     @cached_property
     def weight(self) -> float:
-        """The standard deviation, in units of the instrument's, of what nothing explains: by it the prior is weighed.
-
-        To first order about the arm as stated, unless that is too far off for tangents.
-        """
+        """Standard deviation of the unexplained, in units of the instrument's, that weighs the prior."""
         residuals, x = self._start(arm_and_data(self.problem, self.data)[0])
         e, _, count = self.without_all(residuals, x, 1.0)
         if self.far_off(e, residuals):
@@ -150,16 +131,17 @@ class StatementTrials(Generic[_P]):
     @cached_property
     def least(self) -> float:
         """The least σ of the instrument, over the one taken: where none is stated, it may be much better than that."""
-        return 1.0 if position_sigma(self.problem, self.data) else _LEAST_OF_UNSTATED
+        # 0.01 of the σ taken where none is stated: 1 µm, as of the best trackers
+        return 1.0 if position_sigma(self.problem, self.data) else 0.01
 
     def far_off(self, e: Array, residuals: Residuals) -> bool:
         """Whether residuals (N, block) are so far off that a tangent says little of them."""
         axes = len(residuals.axes)
         left = rms_length(residuals.metres(e[:, :axes]))
-        return left > _LINEAR_ERROR_SHARE * reach(self.problem.robot)
+        # 0.01 of the reach: what a tangent leaves beyond that, only a fit of its own can judge
+        return left > 0.01 * reach(self.problem.robot)
 
     def _fitted_trial(self, released: tuple[str, ...], weight: float) -> StatementTrial:
-        """The arm fitted without the ``released`` statements, in the chart that suits its frames."""
         problem = released_problem(self.problem, released)
         residuals, x = self._start(Chart.of(arm_and_data(problem, self.data)[0]).fitted)
         return self._calibrated_trial(problem, residuals, x, released, weight)
@@ -187,8 +169,7 @@ class StatementTrials(Generic[_P]):
     def without_all(self, residuals: Residuals, x: Array, weight: float) -> tuple[Array, Array, int]:
         """Residuals (N, block), those of the prior (p,) and the rank, without any statement; to first order.
 
-        Args:
-            residuals: as stated, with deviations x (k,); weight: of the prior, in units of the instrument's σ.
+        residuals: as stated, with deviations x (k,); weight: of the prior, in units of the instrument's σ.
         """
         wide = arm_and_data(released_problem(self.problem, self.statements), self.data)[0]
         wide = wide.with_effects(self.effects, fit_frames(wide)) if self.effects else wide

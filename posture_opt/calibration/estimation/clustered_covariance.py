@@ -1,8 +1,4 @@
-"""Standard errors where neighbouring postures err alike: sums over blocks of rows in place of single rows.
-
-What the model cannot express (a gear's error that comes round with every tooth, sag) is the same for postures that
-lie close together. Taken as noise of independent rows, ten thousand of them would promise errors many times too small.
-"""
+"""Standard errors where neighbouring postures err alike: sums over blocks of rows in place of single rows."""
 
 from __future__ import annotations
 
@@ -14,16 +10,10 @@ from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.numerics import Array, Codes
 
 POSTURE_BLOCKS = 32  # of neighbouring postures: fewer make errors of errors, more separate what is correlated
-_POSE_NUMBERS = 6  # of a rigid body
-MIN_DESIGN_EFFECT = 1.5  # a smaller effect of the blocks is what independent rows show too
 
 
 def neighbour_blocks(residuals: Residuals) -> Codes:
-    """The block (N,) of neighbouring postures that each row lies in, `POSTURE_BLOCKS` of about equal size.
-
-    Joints are scaled by their standard deviation and cut at medians, the longest side first. Rows of one picture have
-    the scatter of the arm in common: pictures are not cut.
-    """
+    """The block (N,) of neighbouring postures that each row lies in, `POSTURE_BLOCKS` of about equal size."""
     q, data = residuals.data.q, residuals.data
     spans = np.std(q, axis=0)
     scaled = q / np.where(spans > 0, spans, 1.0)
@@ -39,8 +29,7 @@ def design_effect(residuals: Residuals, rest: Array, J: Array) -> float:
     With ``J = U S Vᵀ`` the estimate errs by ``Uᵀ r`` in units of S: the squared sums of ``U r`` over the rows of each
     block, over those of single coordinates (Kish 1965). ``rest`` (m,) is what a step of all unknowns leaves.
 
-    Args:
-        rest: (m,) residuals of the rows; J: (m, k) their Jacobian.
+    rest (m,) residuals of the rows; J: (m, k) their Jacobian.
     """
     R = triangular_factor(J)
     left, singular, _ = np.linalg.svd(R)
@@ -49,20 +38,17 @@ def design_effect(residuals: Residuals, rest: Array, J: Array) -> float:
     together = np.sum(_block_sums(U * rest[:, None], residuals) ** 2, axis=0)
     single = np.sum((U * rest[:, None]) ** 2, axis=0)
     effect = float(np.mean(together / np.maximum(single, 1e-300))) if kept.any() else 1.0
-    return effect * _lost_freedom(residuals, int(kept.sum())) if effect > MIN_DESIGN_EFFECT else 1.0
+    # 1.5 a smaller effect of the blocks is what independent rows show too
+    return effect * _lost_freedom(residuals, int(kept.sum())) if effect > 1.5 else 1.0
 
 
 def _lost_freedom(residuals: Residuals, fitted: int) -> float:
-    """By how much the errors of pictures are larger than a fit of some parameters leaves them; 1 of other rows.
-
-    What pictures have in common is the pose of the tool at each of them: six numbers a picture, of which the fit took
-    as many as it has parameters.
-    """
     data = residuals.data
     if data.lever is None:
         return 1.0
     numbers = np.bincount(np.unique(data.pose, return_inverse=True)[1].ravel()) * residuals.block
-    independent = float(np.minimum(numbers, _POSE_NUMBERS).sum())
+    # 6 of a rigid body
+    independent = float(np.minimum(numbers, 6).sum())
     return independent / max(independent - fitted, 1.0)
 
 
@@ -73,11 +59,10 @@ def clustered_covariance(
 
     ``sᵢ`` is the sum of ``Aᵀ r`` over block i. No direction is taken as better known than by independent rows.
 
-    Args:
-        r: (m,) residuals; A: (m, p) their Jacobian, R: (p, p) its triangular factor, prior included.
-        known: (n, p) rows of a prior, whose residuals are as large as their ``weight``.
-
     Source: Liang, Zeger (1986), equation 7; factor G / (G − 1) of G blocks.
+
+    r (m,) residuals; A: (m, p) their Jacobian, R: (p, p) its triangular factor, prior included; known (n, p) rows of a
+    prior, whose residuals are as large as their ``weight``.
     """
     scale = np.linalg.norm(R, axis=0)
     scale = np.where(scale > 0, scale, 1.0)

@@ -17,21 +17,18 @@ from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
 
 _MIN_INPUT_RANGE = {"payload": 0.05, "temperature": 0.3}  # kg, K: less shows nothing
-_MIN_SIDED_SHARE = 0.5  # of the rows must know the side from which their joints arrived
 
 
 def case_of(data: Measurements, robot: Robot) -> Excitation:
-    """What these measurements can show of effects.
-
-    An input counts as varied from `_MIN_INPUT_RANGE` on; the side of arrival where most rows state it and both occur.
-    """
+    """What these measurements can show of effects."""
     state = ArmState(robot, list(data.q.T), inputs_of(data, robot))
     known = {"time"} if len(data) > 1 else set()
     for name, least in _MIN_INPUT_RANGE.items():
         values = getattr(data, name)
         if values is not None and float(np.ptp(values)) > least:
             known.add(name)
-    if np.mean(np.any(data.approach != 0, axis=1)) > _MIN_SIDED_SHARE and len(np.unique(np.sign(data.approach))) > 1:
+    # 0.5 of the rows must know the side from which their joints arrived
+    if np.mean(np.any(data.approach != 0, axis=1)) > 0.5 and len(np.unique(np.sign(data.approach))) > 1:
         known.add("approach")
     known |= {"masses"} if state.weighed else set()
     known |= {"speed"} if len(state.inputs.speed) else set()
@@ -45,13 +42,9 @@ def case_of(data: Measurements, robot: Robot) -> Excitation:
 
 @dataclass(frozen=True, eq=False)
 class EffectSensitivities:
-    """Columns of effects at the arm ``x`` (k,) of ``residuals``, laid out as the rows of its Jacobian.
+    """Columns of effects at the arm ``x`` (k,) of ``residuals``, laid out as the rows of its Jacobian."""
 
-    Args:
-        residuals: the arm against N rows; x: (k,) its deviations from nominal [rad, m].
-    """
-
-    residuals: Residuals
+    residuals: Residuals  # the arm against N rows; x: (k,) its deviations from nominal [rad, m]
     x: Array
 
     @cached_property
@@ -96,10 +89,7 @@ class EffectSensitivities:
         return self._flat(self.residuals.whiten(twists, self.x, self.walk))
 
     def fitted_columns(self, effect: Effect, theta: Array) -> Array:
-        """(rows, p) the columns of an effect of size ``theta``, and of its smooth shape where it has one.
-
-        Smooth shapes are derivatives at that size: an effect of size zero has none.
-        """
+        """(rows, p) the columns of an effect of size ``theta``, and of its smooth shape where it has one."""
         wide = self.residuals.with_effects([effect], self.x)
         own = wide.parameters[len(self.x) :]
         x = np.r_[self.x, theta, np.zeros(len(own) - len(theta))]

@@ -32,18 +32,13 @@ class Statistics:
 
     @classmethod
     def of(cls, errors: Array, groups: Codes, draws: int = 500) -> Statistics:
-        """Of errors (N, d) [m] whose rows are correlated within ``groups`` (N,).
-
-        Args:
-            draws: of the bootstrap.
-        """
+        """Of errors (N, d) [m] whose rows are correlated within ``groups`` (N,)."""
         lengths = np.linalg.norm(errors, axis=1)
         interval = _bootstrap_interval(lengths**2, groups, draws)
         largest, p95 = float(lengths.max()), float(np.quantile(lengths, 0.95))
         return cls(rms(lengths), float(lengths.mean()), largest, p95, interval)
 
     def to_json(self) -> dict[str, Json]:
-        """Plain numbers [m]."""
         return {
             "rms": self.rms, "mean": self.mean, "max": self.max, "p95": self.p95, "rms_interval95": list(self.interval)
         }  # fmt: skip
@@ -52,8 +47,7 @@ class Statistics:
 def _bootstrap_interval(squares: Array, groups: Codes, draws: int) -> tuple[float, float]:
     """The 95 % percentile interval of the RMS [m] over resampled groups (Efron 1979), seeded.
 
-    Args:
-        squares: (N,) squared lengths [m²]; groups: (N,) codes.
+    squares (N,) squared lengths [m²]; groups: (N,) codes.
     """
     group = resampled_groups(groups)
     total, count = np.bincount(group, squares), np.bincount(group)
@@ -75,12 +69,6 @@ def resampled_groups(groups: Codes) -> Codes:
 def groups_of(data: Measurements, by: By, folds: int) -> Codes:
     """The group (N,) of each row: its pose, its place among touched points, its block of the workspace, or its stretch
     of a path.
-
-    Poses within 1e-3 rad or m of each other are one, so that no fold is predicted by what it left out. The place of a
-    point is its name up to a ``/``: ``front/0`` and ``front/1`` lie in one place.
-
-    Raises:
-        InputError: places of measured positions, or blocks of touched points.
     """
     if by == "place" and not data.touches:
         raise InputError(Issue("no point is touched whose place could be left out", hint="leave out by pose or block"))
@@ -101,10 +89,7 @@ def groups_of(data: Measurements, by: By, folds: int) -> Codes:
 
 
 def equal_poses(q: Array, pose: Codes) -> Codes:
-    """Codes (N,) of the poses (N,), those with practically equal joint values (N, n) made one.
-
-    Connected components of pairs that are within `_SAME_POSE_TOLERANCE` in every joint.
-    """
+    """Codes (N,) of the poses (N,), those with practically equal joint values (N, n) made one."""
     _, first, inverse = np.unique(pose, return_index=True, return_inverse=True)
     cell = np.zeros(len(first), dtype=np.intp)
     for column in np.round(q[first] / _SAME_POSE_TOLERANCE).T:  # of integers, joint by joint: much faster than of rows
@@ -115,10 +100,7 @@ def equal_poses(q: Array, pose: Codes) -> Codes:
 
 
 def median_blocks(points: Array, count: int) -> Codes:
-    """Codes (N,) of so many blocks of points (N, d), cut along the longest side at the median again and again.
-
-    The largest block is cut next, until there are ``count``; blocks of one point stay.
-    """
+    """Codes (N,) of so many blocks of points (N, d), cut along the longest side at the median again and again."""
     parts = [np.arange(len(points))]
     while len(parts) < count:
         largest = max(range(len(parts)), key=lambda i: len(parts[i]))
@@ -135,16 +117,7 @@ def median_blocks(points: Array, count: int) -> Codes:
 
 
 def folds_of(groups: Codes, folds: int, by: By, seed: int = 0) -> list[Codes]:
-    """The rows that each fold leaves out: whole groups, shuffled; every place is a fold of its own.
-
-    Raises:
-        InputError: more folds than are accepted.
-
-    Example:
-        >>> import numpy as np
-        >>> [rows.tolist() for rows in folds_of(np.array([0, 0, 1, 1]), 2, "pose")]
-        [[0, 1], [2, 3]]
-    """
+    """The rows that each fold leaves out: whole groups, shuffled; every place is a fold of its own."""
     names = np.unique(groups)
     if by == "place":
         return [np.flatnonzero(groups == name) for name in names]

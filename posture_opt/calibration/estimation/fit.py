@@ -27,44 +27,32 @@ if TYPE_CHECKING:
 
 MAX_OUTLIER_ROUNDS = 8  # of leaving out and taking back outliers; on real data two or three settle it
 PRIOR_WEIGHT_TOLERANCE = 0.01  # of the weight of a prior: it settles faster than its own uncertainty matters
-_RANK_TOLERANCE = 1e-7  # of the longest: columns of the geometry that say nothing new
 ROUNDING_SHARE = 1e-10  # of the longest column of all effects: a parameter whose column is shorter does nothing
 _OFFSET_TOLERANCE = 1e-3  # of a standard error: how near to the minimum is near enough
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """Parameters of an arm estimated from measurements: geometry, frames, touched points and effects alike.
+    """Parameters of an arm estimated from measurements: geometry, frames, touched points and effects alike."""
 
-    Args:
-        residuals: the arm with its effects against the rows; of all rows, the left out ones too.
-        x: (k,) deviations of ``residuals.parameters`` from nominal [SI].
-        directions: (k, r) the steps that were fitted; ``C`` (r, r) their covariance.
-        kept: (N,) the rows that were fitted; ``studentised`` (N,) the length of each row's residuals in units of
-            their standard deviation; zero where outliers were not looked for.
-        variance: residual variance in units of the instrument's.
-        minimum: of the sum of squares in the steps.
-        prior, weight: what was known beforehand, and the standard deviation that weighs it, in units of the
-            instrument's.
-        design: design effect (Kish 1965): so many rows say as much as one alone would.
-        settled: whether leaving out outliers came to an end.
-        effects: those that were fitted, with estimates and shapes; parameters of the group ``effect`` in this order.
-        factor: (r, r) triangular, of the information that errors are counted with; None where it is the minimum's.
-    """
-
-    residuals: Residuals
-    x: Array
-    directions: Array
+    residuals: Residuals  # the arm with its effects against the rows; of all rows, the left out ones too
+    x: Array  # (k,) deviations of ``residuals.parameters`` from nominal [SI]
+    directions: Array  # (k, r) the steps that were fitted; ``C`` (r, r) their covariance
     C: Array
+    # (N,) the rows that were fitted; ``studentised`` (N,) the length of each row's residuals in units of their standard
+    # deviation; zero where outliers were not looked for
     kept: Mask
     studentised: Array
-    variance: float
-    minimum: Minimum
+    variance: float  # residual variance in units of the instrument's
+    minimum: Minimum  # of the sum of squares in the steps
+    # prior, weight: what was known beforehand, and the standard deviation that weighs it, in units of the instrument's
     prior: Prior | None = None
     weight: float = 0.0
-    design: float = 1.0
-    settled: bool = True
+    design: float = 1.0  # design effect (Kish 1965): so many rows say as much as one alone would
+    settled: bool = True  # whether leaving out outliers came to an end
+    # those that were fitted, with estimates and shapes; parameters of the group ``effect`` in this order
     effects: tuple[Effect, ...] = ()
+    # (r, r) triangular, of the information that errors are counted with; None where it is the minimum's
     factor: Array | None = None
 
     @property
@@ -130,11 +118,7 @@ class Fit:
 
     @cached_property
     def imitating(self) -> Array:
-        """(m, r) orthonormal basis of what steps of the geometry do to the arm without its effects.
-
-        What can pass for these: beside an effect they also change its levers, and a frame that slides along its own
-        axis does nothing else.
-        """
+        """(m, r) orthonormal basis of what steps of the geometry do to the arm without its effects."""
         from scipy.linalg import qr
 
         bare = self.x.copy()
@@ -145,7 +129,8 @@ class Fit:
         # With pivots: numpy's SVD may not converge where directions are all rounding, and prints so.
         Q, R, _ = qr(G / np.where(norms > 0, norms, 1.0), mode="economic", pivoting=True)
         length = np.abs(np.diag(R))
-        return np.asarray(Q[:, : len(length)][:, length > _RANK_TOLERANCE * length.max(initial=0.0)])
+        # 1e-7 of the longest: columns of the geometry that say nothing new
+        return np.asarray(Q[:, : len(length)][:, length > 1e-7 * length.max(initial=0.0)])
 
     @cached_property
     def residuals_and_jacobian(self) -> tuple[Array, Array]:
@@ -212,16 +197,7 @@ def estimate_parameters(
     ``min |r(x0 + D z)|² + |w W (x0 + D z)|²`` over z; the covariance of z is ``design · s² (RᵀR)⁻¹`` with the residual
     variance s² and the triangular factor R of both blocks of rows.
 
-    In each round all rows are judged anew, so that a row wrongly left out comes back. The residual variance, not
-    the instrument's, weighs the data against the prior: what the model cannot explain makes data worth less.
-    ``near`` is a first guess of ``z``, ``weight`` one of the standard deviation that weighs the prior; the minimum
-    does not depend on them. ``design`` is the number of rows that say as much as one alone would: neighbours that err
-    alike.
-
-    Args:
-        x0: (k,) [rad, m]; directions: D (k, r), the steps that are fitted.
-        robust: whether gross outliers are left out, `find_outliers`, unless targets or repeats of a posture agree.
-        tolerance: relative offset at which a fit ends.
+    x0 (k,) [rad, m]; directions: D (k, r), the steps that are fitted.
     """
     n = len(residuals.data)
     kept, z = np.ones(n, dtype=bool), np.zeros(directions.shape[1]) if near is None else near
@@ -267,10 +243,7 @@ def position_parts(r: Array, residuals: Residuals) -> Array:
 def minimum_of(residuals: Residuals, x0: Array, directions: Array, known: Array) -> tuple[Array, Minimum]:
     """Where ``|r(x)|² + |known x|²`` is least (k,), on ``x0 + directions z``, and the minimum in z.
 
-    Nothing is left out and nothing weighed anew; ``known`` (p, k) are the rows of a prior.
-
-    Args:
-        directions: D (k, r).
+    directions: D (k, r).
     """
     function = _with_known(residuals, x0, directions, known)
     found = least_squares(function, np.zeros(directions.shape[1]), tolerance=_OFFSET_TOLERANCE, max_steps=30)
@@ -292,10 +265,7 @@ def with_clustered_errors(fit: Fit) -> Fit:
 
 
 def _variances(J: Array, directions: Array) -> Array:
-    """(k,) variances of unknowns that rows with the Jacobian J (m, k) leave along ``directions``, for a noise of one.
-
-    Infinite where a direction that the rows do not see is part of an unknown.
-    """
+    """(k,) variances of unknowns left by rows with Jacobian J (m, k) along ``directions``, for a noise of one."""
     from scipy.linalg import svd
 
     A = J @ directions

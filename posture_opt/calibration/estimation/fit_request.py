@@ -18,30 +18,20 @@ from posture_opt.uncertainty.sources.sources import Sources
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FitRequest:
-    """The arm as it is stated, what was measured, and what to make of it.
-
-    Args:
-        folds: of the cross-validation.
-        test: other measurements that are predicted, with base and tool fitted again if ``refit_frames``.
-        plan: whether the task is planned again with the arm that is found, when that is asked for.
-        seed: of that plan; None for the problem's.
-    """
+    """The arm as it is stated, what was measured, and what to make of it."""
 
     problem: ProblemData
     data: Measurements
-    folds: int = 5
+    folds: int = 5  # of the cross-validation
+    # other measurements that are predicted, with base and tool fitted again if ``refit_frames``
     test: Measurements | None = None
     refit_frames: bool = False
-    plan: bool = True
-    seed: int | None = None
+    plan: bool = True  # whether the task is planned again with the arm that is found, when that is asked for
+    seed: int | None = None  # of that plan; None for the problem's
 
 
 def places_in_robot(parameters: Sequence[Parameter]) -> dict[str, int]:
-    """Name in the robot -> place among the parameters of a fit; of several targets the first is the tool point.
-
-    Args:
-        parameters: of a fit; those of effects and touched points are left out.
-    """
+    """Name in the robot -> place among the parameters of a fit; of several targets the first is the tool point."""
     return {
         f"tool.{p.name.rpartition('.')[2]}" if p.group == "tool" else p.name: i
         for i, p in enumerate(parameters)
@@ -52,12 +42,9 @@ def places_in_robot(parameters: Sequence[Parameter]) -> dict[str, int]:
 def persistent_sources(robot: Robot, stated: Sources, names: Sequence[str], covariance: Array) -> Sources:
     """What is still uncertain of errors that stay: the estimates, and stated σ's that the data had no part in.
 
-    Args:
-        stated: the sources of the problem.
-        names: (k,) of the parameters that were fitted; covariance: (k, k) of their estimates, SI.
+    names (k,) of the parameters that were fitted; covariance: (k, k) of their estimates, SI.
 
-    Returns:
-        Sources that stay from repeat to repeat, with their covariance [rad², m², rad m].
+    Returns Sources that stay from repeat to repeat, with their covariance [rad², m², rad m].
     """
     parameters = robot.parameters
     least = np.array([NEGLIGIBLE["rad" if parameters[name].kind == "rotate" else "m"] for name in names])
@@ -77,8 +64,6 @@ def persistent_sources(robot: Robot, stated: Sources, names: Sequence[str], cova
 
 def nearest_semidefinite(covariance: Array) -> Array:
     """The covariance (k, k) with negative eigenvalues set to zero, which are rounding.
-
-    In correlations, which have no units.
 
     Source: Higham (1988), the nearest positive semidefinite matrix in the Frobenius norm, of the correlations.
     """

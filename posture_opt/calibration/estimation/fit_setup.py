@@ -26,8 +26,6 @@ from posture_opt.numerics import Array, Mask
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.problem_data import ProblemData
 
-IMPROVED_SHARE = 0.5
-"""Of a tolerance by manufacturing: what data leave less of, they determine; of the variance, a quarter."""
 FREE_TOLERANCE = 1.0  # m or rad: what is unknown of a free frame or a touched point
 DESIGN_NOTE = "neighbouring postures err alike: for standard errors, {:.2g} rows count as one"
 NOMINAL_NOTE = (
@@ -38,31 +36,19 @@ NOMINAL_NOTE = (
 
 @dataclass(frozen=True, eq=False)
 class FitSetup:
-    """Which directions a calibration fits, and with what prior; decided once, at the nominal model.
+    """Which directions a calibration fits, and with what prior; decided once, at the nominal model."""
 
-    Args:
-        identifiability: what the data alone determine.
-        directions: (k, r) the steps that are fitted [rad or m].
-        fixed: (k,) whether data, or stated σ's, determine the parameter.
-        prior: of the fit, or ``None``.
-        stated: (k,) the stated σ of each parameter that counts as knowledge; NaN where there is none.
-        noise: standard deviation that weighs the prior, in units of the instrument's: the residuals', times √design.
-        design: how many rows say as much as one alone would, as neighbouring postures err alike.
-        held: (k, h) steps of a tolerance each that nothing determines: they are not fitted [rad or m].
-        notes: sentences on what was assumed.
-        widths: of parts by manufacturing.
-    """
-
-    identifiability: Identifiability
-    directions: Array
-    fixed: Mask
-    prior: Prior | None
-    stated: Array
+    identifiability: Identifiability  # what the data alone determine
+    directions: Array  # (k, r) the steps that are fitted [rad or m]
+    fixed: Mask  # (k,) whether data, or stated σ's, determine the parameter
+    prior: Prior | None  # of the fit, or ``None``
+    stated: Array  # (k,) the stated σ of each parameter that counts as knowledge; NaN where there is none
+    # standard deviation that weighs the prior, in units of the instrument's: the residuals', times √design
     noise: float
-    design: float
-    held: Array
-    notes: tuple[str, ...]
-    widths: Widths
+    design: float  # how many rows say as much as one alone would, as neighbouring postures err alike
+    held: Array  # (k, h) steps of a tolerance each that nothing determines: they are not fitted [rad or m]
+    notes: tuple[str, ...]  # sentences on what was assumed
+    widths: Widths  # of parts by manufacturing
 
     @property
     def assumed(self) -> Array:
@@ -76,16 +62,7 @@ def determine_directions(
 ) -> FitSetup:  # fmt: skip
     """What measurements determine at the deviations ``x``, by themselves and with what is known beforehand.
 
-    The noise is what no step of all parameters explains, but no less than the instrument's: what the model cannot
-    express makes data worth less, and less still where neighbouring postures have it in common. Without stated σ's,
-    geometry has the prior of 10 mm and 1°, or that of manufacturing, `assumed_widths`. With an estimate already
-    ``found``, the noise is what that one leaves.
-
-    Args:
-        x: (k,) deviations [rad, m]; held: the parameter that is held as the size of the arm, or None.
-        priors: whether stated σ's, and tolerances of the geometry, count as knowledge.
-        widths: of parts by manufacturing, where the data have changed them.
-        noise: the most that it is, in units of the instrument's: what effects leave that were found with the geometry.
+    x (k,) deviations [rad, m]; held: the parameter that is held as the size of the arm, or None.
     """
     parameters, rows = residuals.parameters, len(residuals.data)
     names = [p.name for p in parameters]
@@ -106,16 +83,7 @@ def determine_directions(
     if not priors:
         rest = scale[:, None] * alone.null
         return FitSetup(
-            alone,
-            alone.directions,
-            alone.determined,
-            None,
-            stated,
-            spread,
-            design,
-            rest,
-            _design_notes(design),
-            made,
+            alone, alone.directions, alone.determined, None, stated, spread, design, rest, _design_notes(design), made
         )
     known = Prior.of(indices, covariance).matrix(len(names))
     both = (
@@ -123,7 +91,8 @@ def determine_directions(
     )
     own = np.isfinite(made.uncertain)
     fixed = both.determined | (np.isfinite(stated) & (np.arange(len(names)) != (-1 if held is None else held)))
-    fixed = np.where(own, both.alone < IMPROVED_SHARE * scale, fixed)
+    # 0.5 of a tolerance by manufacturing: what data leave less of, they determine; of the variance, a quarter.
+    fixed = np.where(own, both.alone < 0.5 * scale, fixed)
     prior = full_prior(parameters, problem.robot, scale, indices, covariance)
     if own.any():
         prior = full_prior(parameters, problem.robot, scale, indices, weighing).counted_as(prior)
@@ -146,12 +115,9 @@ def _with_assumed(stated: list[int], covariance: Array, scale: Array, assumed: A
 def unseen_errors_of_fit(residuals: Residuals, known: FitSetup, found: Fit, length: int | None) -> Array:
     """(k,) part of the standard errors that combinations leave which nothing determines [rad, m].
 
-    What is held moves nothing at the nominal arm, but something at the fitted one: a tool of unknown length,
-    on an axis found tilted, is displaced sideways, and the estimates make up for it. For steps H that are held, at D
-    that are fitted, the estimate errs by ``H − D (AᵀA)⁻¹ (J D)ᵀ J H``, the normal equations' at the fitted arm.
-
-    Args:
-        length: the parameter that is held as the size of the arm, if there is one: all lengths are relative to it.
+    What is held moves nothing at the nominal arm, but something at the fitted one: a tool of unknown length, on an axis
+    found tilted, is displaced sideways, and the estimates make up for it. For steps H that are held, at D that are
+    fitted, the estimate errs by ``H − D (AᵀA)⁻¹ (J D)ᵀ J H``, the normal equations' at the fitted arm.
     """
     J = residuals.take(np.flatnonzero(found.kept)).residuals_and_jacobian(found.x)[1]
     if length is not None:
@@ -162,7 +128,6 @@ def unseen_errors_of_fit(residuals: Residuals, known: FitSetup, found: Fit, leng
 
 
 def _noise_and_design(residuals: Residuals, x: Array, found: Fit | None) -> tuple[float, float]:
-    """The residuals' standard deviation in units of the instrument's, at least 1, and their design effect."""
     if found is not None:
         residuals, x = residuals.take(np.flatnonzero(found.kept)), found.x
     r, J = residuals.residuals_and_jacobian(x)
@@ -175,15 +140,11 @@ def _noise_and_design(residuals: Residuals, x: Array, found: Fit | None) -> tupl
 
 
 def _design_notes(design: float) -> tuple[str, ...]:
-    """A sentence where rows are fewer than they look; none at a design effect of 1."""
     return (DESIGN_NOTE.format(design),) if design > 1 else ()
 
 
 def prior_tolerances(parameters: Sequence[Parameter], stated: list[int]) -> Array:
-    """How far each unknown may be off beforehand [rad or m]: geometry, and frames of which a σ is stated, not far.
-
-    Geometry: 10 mm and 1° (`LENGTH_TOLERANCE_M`, `ANGLE_TOLERANCE_RAD`); free frames and points 1 m and 1 rad.
-    """
+    """How far each unknown may be off beforehand [rad or m]: geometry, and frames of which a σ is stated, not far."""
     part = {"m": LENGTH_TOLERANCE_M, "rad": ANGLE_TOLERANCE_RAD}
     return np.array(
         [
@@ -198,8 +159,7 @@ def full_prior(
 ) -> Prior:
     """Stated σ's, for the rest of the geometry its tolerance, and for the offsets of free tools the arm's size.
 
-    Args:
-        scale: (k,) tolerances; stated: indices with a stated σ, whose covariance is ``covariance``.
+    scale (k,) tolerances; stated: indices with a stated σ, whose covariance is ``covariance``.
     """
     sigma = np.where([offset_of_tool(p) for p in parameters], tool_sigma(robot), scale)
     rest = [i for i, p in enumerate(parameters) if (p.made or offset_of_tool(p)) and i not in stated]
@@ -210,7 +170,6 @@ def full_prior(
 
 
 def _vague_names(known: Identifiability) -> str:
-    """The parameters that have the largest parts in what is hardly determined."""
     parts = np.abs(known.hardly / known.scale[:, None]).max(axis=1)
     most = [int(i) for i in np.argsort(-parts, kind="stable") if parts[i] > 0.3 * parts.max()][:4]
     return enumerated(known.names[i] for i in most)

@@ -10,27 +10,18 @@ from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.numerics import Array, Codes, factored_columns, thin_svd
 
 _RANK_TOLERANCE = 1e-10  # of the largest singular value: what is smaller is not determined
-_CLEAR_LENGTH = 1e-9  # of the longest column: what is as long is more than rounding of others
 
 
 @dataclass(frozen=True, eq=False)
 class LinearModel:
-    """Residuals ``r + U K z`` for steps z of geometry and effects; every refit happens in the few coordinates K.
+    """Residuals ``r + U K z`` for steps z of geometry and effects; every refit happens in the few coordinates K."""
 
-    Args:
-        r: (m,) residuals at the estimate, those of known distances and of the prior at the end.
-        U: (m, p) orthonormal basis of all columns, ``K`` (p, c) the columns in it.
-        basis: (k, c) deviations of the parameters per step; shapes of effects stay.
-        owner: (c,) the effect that a column belongs to; -1 for geometry.
-        z: (c,) the steps that the effects' estimates are; zero for geometry.
-    """
-
-    r: Array
-    U: Array
+    r: Array  # (m,) residuals at the estimate, those of known distances and of the prior at the end
+    U: Array  # (m, p) orthonormal basis of all columns, ``K`` (p, c) the columns in it
     K: Array
-    basis: Array
-    owner: Codes
-    z: Array
+    basis: Array  # (k, c) deviations of the parameters per step; shapes of effects stay
+    owner: Codes  # (c,) the effect that a column belongs to; -1 for geometry
+    z: Array  # (c,) the steps that the effects' estimates are; zero for geometry
 
     @classmethod
     def of(cls, fit: Fit) -> LinearModel:
@@ -86,7 +77,8 @@ class LinearModel:
 def _in_own_space(A: Array) -> tuple[Array, Array]:
     """An orthonormal basis U (m, p) of columns A (m, c), without directions that are not determined, and ``UᵀA``."""
     norms = np.linalg.norm(A, axis=0)
-    if norms.min(initial=1.0) > _CLEAR_LENGTH * norms.max(initial=0.0):
+    # 1e-9 of the longest column: what is as long is more than rounding of others
+    if norms.min(initial=1.0) > 1e-9 * norms.max(initial=0.0):
         factored = factored_columns(A / norms)
         if factored is not None:
             return factored[0], factored[1] * norms

@@ -9,14 +9,6 @@ from posture_opt.calibration.estimation.least_squares import reduced_jacobian
 from posture_opt.measurements.repeats import Contrasts
 from posture_opt.numerics import Array
 
-_MIN_RATIO = 1.5
-"""Ratio from which on orientations are weighed anew: with less, a fit loses at the most a seventh of its information,
-``4 k / (1 + k)²`` for a variance that is wrong by k."""
-_LEVEL = 0.002
-"""Level at which both scatter alike."""
-_MIN_REPEAT_FREEDOM = 12
-"""Degrees of freedom from which on repeats decide alone: a σ is then known to a fifth."""
-
 
 def orientation_ratio(fit: Fit) -> float:
     """How many times as far orientations scatter as positions, each in units of the σ that weighs it; 1 where as far.
@@ -33,7 +25,8 @@ def orientation_ratio(fit: Fit) -> float:
     e = fit.whitened.reshape(-1, residuals.block)[kept]
     slides = np.array([joint.type == "prismatic" for joint in residuals.robot.joints])
     for contrasts in (Contrasts.of(data, slides), Contrasts.of_readings(data)):
-        if 3 * len(contrasts) >= _MIN_REPEAT_FREEDOM:
+        # 12 degrees of freedom from which on repeats decide alone: a σ is then known to a fifth.
+        if 3 * len(contrasts) >= 12:
             pure = contrasts.differences(e) / np.sqrt(contrasts.reading)[:, None]
             return _ratio(pure, np.ones(pure.shape), len(residuals.axes))
     J = reduced_jacobian(fit.jacobian, fit.directions).reshape(len(fit.kept), residuals.block, -1)[kept]
@@ -42,10 +35,7 @@ def orientation_ratio(fit: Fit) -> float:
 
 
 def _ratio(e: Array, left: Array, axes: int) -> float:
-    """The ratio of the scatter of the last coordinates of residuals e (N, d) to that of the first ``axes`` of them.
-
-    ``left`` (N, d) is the degree of freedom that each of them has.
-    """
+    """The ratio of the scatter of the last coordinates of residuals e (N, d) to that of the first ``axes`` of them."""
     from scipy.special import fdtr, fdtrc
 
     square, freedom = (np.array([np.sum(v[:, :axes]), np.sum(v[:, axes:])]) for v in (e**2, left))
@@ -54,4 +44,7 @@ def _ratio(e: Array, left: Array, axes: int) -> float:
     F = float(np.divide(*(square / freedom)[::-1]))
     p = 2 * float(min(fdtr(*freedom[::-1], F), fdtrc(*freedom[::-1], F)))
     ratio = float(np.sqrt(F))
-    return ratio if p < _LEVEL and max(ratio, 1 / ratio) > _MIN_RATIO else 1.0
+    # 1.5 ratio from which on orientations are weighed anew: with less, a fit loses at the most a seventh of its
+    # information, ``4 k / (1 + k)²`` for a variance that is wrong by k.
+    # 0.002 level at which both scatter alike.
+    return ratio if p < 0.002 and max(ratio, 1 / ratio) > 1.5 else 1.0

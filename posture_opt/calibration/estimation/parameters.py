@@ -24,26 +24,19 @@ _ANGLES = ("roll", "pitch", "yaw")
 
 @dataclass(frozen=True)
 class Parameter:
-    """One unknown: a parameter of the arm, of one target or of all rows, or of a place: a touched point, a plane, ….
+    """One unknown: a parameter of the arm, of one target or of all rows, or of a place: a touched point, a plane, …."""
 
-    Args:
-        name: ``JOINT.PARAMETER``, ``base.x``, ``tool.x`` (``tool[TARGET].x`` with several targets), ``point[NAME].x``,
-            ``plane[NAME].offset``.
-        group: ``geometry``, ``base``, ``tool``, ``effect``, ``place``, or ``second_arm``: the geometry of another one.
-        nominal: the value in the file [rad or m]; the unknown is the deviation from it.
-        source: the parameter of the arm that it deviates; empty for places.
-        code: target of a tool offset, or place; -1 where the parameter acts in all rows.
-        axis: which of the unknowns of a place.
-        sigma: what is known of an unknown of a place beforehand, as of the focal length of a camera; 0: nothing.
-    """
-
+    # ``JOINT.PARAMETER``, ``base.x``, ``tool.x`` (``tool[TARGET].x`` with several targets), ``point[NAME].x``,
+    # ``plane[NAME].offset``
     name: str
+    # ``geometry``, ``base``, ``tool``, ``effect``, ``place``, or ``second_arm``: the geometry of another one
     group: str
     unit: str
-    nominal: float
-    source: str = ""
-    code: int = -1
-    axis: int = 0
+    nominal: float  # the value in the file [rad or m]; the unknown is the deviation from it
+    source: str = ""  # the parameter of the arm that it deviates; empty for places
+    code: int = -1  # target of a tool offset, or place; -1 where the parameter acts in all rows
+    axis: int = 0  # which of the unknowns of a place
+    # what is known of an unknown of a place beforehand, as of the focal length of a camera; 0: nothing
     sigma: float = 0.0
 
     @property
@@ -61,9 +54,9 @@ def candidate_parameters(robot: Robot, data: Measurements) -> tuple[Parameter, .
     """Every parameter that measurements of this kind could say something about, from base to tool.
 
     Touched points, planes and anchors are in the frame of the base, which is then no unknown, nor is what moves arm and
-    places together: all before the first joint, and its own offset. ``beta`` is a candidate only between
-    nearly parallel axes (Hayati, Mirmirani 1985); a joint with an origin of six has no offset of its own. Orientations
-    show a tool's rotation too.
+    places together: all before the first joint, and its own offset. ``beta`` is a candidate only between nearly
+    parallel axes (Hayati, Mirmirani 1985); a joint with an origin of six has no offset of its own. Orientations show a
+    tool's rotation too.
     """
     at = {factor.parameter: i for i, factor in enumerate(robot.factors) if factor.parameter}
     found = []
@@ -93,13 +86,11 @@ def effect_parameters(effect: Effect) -> list[Parameter]:
 
 
 def _of_factor(robot: Robot, name: str, group: str, index: int, code: int = -1) -> Parameter:
-    """The unknown that deviates one factor of the chain, in all rows or in those of the target ``code``."""
     factor = robot.factors[index]
     return Parameter(name, group, "rad" if factor.kind == "rotate" else "m", factor.nominal, factor.parameter, code)
 
 
 def _tool_parameters(robot: Robot, data: Measurements, name: str, index: int) -> list[Parameter]:
-    """The unknown of the tool, or one for each target where there are several."""
     if len(data.target_names) < 2:
         return [_of_factor(robot, name, "tool", index)]
     last = name.rpartition(".")[2]
@@ -129,11 +120,7 @@ def place_parameters(data: Measurements) -> tuple[Parameter, ...]:
 def prior_covariance(problem: ProblemData, parameters: Sequence[Parameter]) -> tuple[list[int], Array]:
     """Indices of the parameters with a stated σ and their prior covariance [rad², m², rad m].
 
-    What a data sheet's repeatability, or ``scatter``, adds to the sources changes from repeat to repeat and is no
-    prior; a frame that is free has none either.
-
-    Returns:
-        Indices among ``parameters``, and the covariance (p, p) of those.
+    Returns Indices among ``parameters``, and the covariance (p, p) of those.
     """
     known = problem.sources.constant
     free = {"base": problem.robot.base_free, "tool": problem.robot.tool_free}

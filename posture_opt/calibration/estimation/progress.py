@@ -12,9 +12,7 @@ PROGRESS_TOTAL = 100
 class Stages:
     """Shares a bar between stages of known shares; within a stage steps are reported as so many of so many.
 
-    Args:
-        progress: receives (done, 100); None for no report.
-        shares: of each stage, in the order in which they come.
+    progress: receives (done, 100); None for no report. shares: of each stage, in the order in which they come.
     """
 
     def __init__(self, progress: Progress | None, *shares: int) -> None:
@@ -43,10 +41,8 @@ class Stages:
         return next_round
 
     def end(self) -> None:
-        """All is done."""
         self._report(PROGRESS_TOTAL)
 
     def _report(self, done: int) -> None:
-        """Reports a part of `PROGRESS_TOTAL`, where somebody looks."""
         if self._progress is not None:
             self._progress(done, PROGRESS_TOTAL)

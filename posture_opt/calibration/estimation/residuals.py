@@ -43,27 +43,20 @@ class Residuals:
     Row i has the residuals ``(h(T(q_i; x)) − m_i) / σ`` [1], h what the `Kind` of measurement shows of the pose T: of
     positions the measured axes of the world, of poses the orientation behind them; known distances follow behind all
     rows. All rows are walked at once: a call costs a few hundred array operations, whatever N.
-
-    Any parameter of the arm can be among them: geometry, frames and effects alike; and places: touched points, planes,
-    anchors.
-
-    Args:
-        arm: under the inputs of every row of ``data``, see `Residuals.of`.
-        sigma: standard deviation of each measured coordinate [m].
-        further: σ of what is read beside that, by its key, as of the components of a measured rotation [rad]; what has
-            none does not count.
-        distances: (first point, second point, distance [m], standard deviation [m]) known between points.
-        place_sigmas: standard deviations of a reading at some places, as planes of another flatness.
-        lever: root mean square of the levers of the rows that ``sigma`` is of [m per unit]; 1 of readings in metres.
     """
 
-    arm: Arm
+    arm: Arm  # under the inputs of every row of ``data``, see `Residuals.of`
     data: Measurements
     parameters: tuple[Parameter, ...]
-    sigma: float
+    sigma: float  # standard deviation of each measured coordinate [m]
+    # σ of what is read beside that, by its key, as of the components of a measured rotation [rad]; what has none does
+    # not count
     further: Mapping[str, float] = field(default_factory=dict)
+    # (first point, second point, distance [m], standard deviation [m]) known between points
     distances: tuple[Distance, ...] = ()
+    # standard deviations of a reading at some places, as planes of another flatness
     place_sigmas: Mapping[str, float] = field(default_factory=dict)
+    # root mean square of the levers of the rows that ``sigma`` is of [m per unit]; 1 of readings in metres
     lever: float = 1.0
 
     @classmethod
@@ -90,10 +83,7 @@ class Residuals:
 
     @cached_property
     def slots(self) -> tuple[tuple[int, Any], ...]:
-        """Which numbers of a reading count, and the σ of each in its unit, (N,) where it is not the same in all rows.
-
-        Those of `axes` come first.
-        """
+        """Numbers of a reading that count, `axes` first, and the σ of each in its unit, (N,) where rows differ."""
         further = {slot: self.further[one.key] for one in self.data.kind.further for slot in one.slots}
         numbers = self.data.kind.numbers(self.data.measured_axes).tolist()
         return tuple((slot, further.get(slot, self._unit_sigma)) for slot in numbers)
@@ -105,10 +95,7 @@ class Residuals:
 
     @property
     def free_groups(self) -> frozenset[str]:
-        """The groups of parameters that are fitted to the nominal arm too: places and free frames.
-
-        Several targets are several points of one tool, of which the file can state but one: their offsets are free.
-        """
+        """The groups of parameters that are fitted to the nominal arm too: places and free frames."""
         free = {"place": True, "base": self.robot.base_free, "tool": tool_unknown(self.robot, self.data)}
         return frozenset(group for group, is_free in free.items() if is_free)
 
@@ -137,11 +124,7 @@ class Residuals:
         return replace(self, arm=replace(self.arm, robot=robot), parameters=parameters)
 
     def with_effects(self, effects: Sequence[Effect], x: Array) -> Residuals:
-        """The same residuals with the parameters of effects, and their smooth shapes, as further unknowns.
-
-        The effects are none at deviations of zero; one that the arm has already deviates from its estimate. Weights
-        pull along gravity as the arm is at ``x`` (k,).
-        """
+        """The same residuals with the parameters of effects, and their smooth shapes, as further unknowns."""
         known = {effect.name for effect in self.arm.effects}
         new = [e.with_estimate([0.0] * len(e.dimensions)) for e in effects if e.name not in known]
         robot = replace(self.robot, gravity=gravity_of(self.robot, self.frames(x)))
@@ -190,11 +173,7 @@ class Residuals:
         }
 
     def take(self, rows: Codes) -> Residuals:
-        """The residuals of some rows.
-
-        Args:
-            rows: indices; known distances stay, and count where both ends are touched in these rows.
-        """
+        """The residuals of some rows."""
         return replace(self, arm=self.arm.under(self.arm.inputs.take(rows)), data=self.data.take(rows))
 
     def deviations(self, x: Array) -> dict[str, Any]:
@@ -215,17 +194,12 @@ class Residuals:
         return self._reached(x).walk
 
     def _reached(self, x: Array) -> Reached:
-        """The same with what effects do there."""
         return self.arm.reach(self.q, self.deviations(x))
 
     def sensitivities(
         self, names: Sequence[str | int], x: Array, reached: Walk | None = None, ones: Sequence[Sensitivity] = ()
     ) -> Array:
-        """(N, block, K) shift of what a row measures by a unit of each model parameter, in units of the σ's.
-
-        Args:
-            names: of parameters of the arm, or indices of factors, as `Arm.twists` takes them; ``ones`` as well.
-        """
+        """(N, block, K) shift of what a row measures by a unit of each model parameter, in units of the σ's."""
         reached = reached or self.walk(x)
         twists = self.arm.twists(names, self.q, reached, self.deviations(x), ones)
         return self.whiten(twists, x, reached)
@@ -252,10 +226,7 @@ class Residuals:
         return found
 
     def error(self, x: Array, reached: Walk | None = None) -> Array:
-        """Reading of the model minus the measured one (N, 3) [m], in the coordinates `axes`; zeros in others.
-
-        Of touched points, the position minus the point.
-        """
+        """Reading of the model minus the measured one (N, 3) [m], in the coordinates `axes`; zeros in others."""
         if reached is None and len(self.data) > MAX_WALKED_ROWS:
             parts = np.array_split(np.arange(len(self.data)), -(-len(self.data) // MAX_WALKED_ROWS))
             return np.concatenate([self.take(rows).error(x) for rows in parts])
@@ -299,17 +270,11 @@ class Residuals:
         return stacked_rows([found[slot] for slot, _ in self.slots[len(self.axes) :]], len(self.data))
 
     def whitened(self, x: Array) -> Array:
-        """Residuals (N·block + distances,) in units of the instrument's σ.
-
-        Those of known distances are in units of their own σ.
-        """
+        """Residuals (N·block + distances,) in units of the instrument's σ."""
         return self._vector(x, self.walk(x))
 
     def residuals_and_jacobian(self, x: Array) -> tuple[Array, Array]:
-        """Whitened residuals (m,) and their Jacobian (m, k).
-
-        The cost of the Jacobian is one walk of the chain: every column is a cross product of what the walk already has.
-        """
+        """Whitened residuals (m,) and their Jacobian (m, k)."""
         reached = self._reached(x)
         return self._vector(x, reached.walk), self._jacobian(x, reached)
 
@@ -341,9 +306,9 @@ class Residuals:
     def _sizes(self) -> Array:
         """(k,) growth of the arm by a unit of each parameter; zeros where the data know its size, or are angles.
 
-        Errors count relative to the size where they show none: an arm of half the size misses its planes by half,
-        and a fit would shrink it. Of the lengths L the growth by deviations x is ``L·x / |L|²``. What only shifts the
-        places or the tool is no part of it: it would be without bounds, and make every error small.
+        Errors count relative to the size where they show none: an arm of half the size misses its planes by half, and a
+        fit would shrink it. Of the lengths L the growth by deviations x is ``L·x / |L|²``. What only shifts the places
+        or the tool is no part of it: it would be without bounds, and make every error small.
         """
         if self.data.kind.fixes_size or self._touched_distances or self.data.lever is not None:
             return np.zeros(len(self.parameters))
@@ -364,7 +329,6 @@ class Residuals:
 
     @cached_property
     def _touched_distances(self) -> list[int]:
-        """The known distances that say something of these rows: an end that none of them touches may be anywhere."""
         ends = [(a, b) for a, b, *_ in self.distances]
         return [i for i, pair in enumerate(ends) if all(self.data.at_place(end).any() for end in pair)]
 
@@ -389,11 +353,7 @@ class Residuals:
 
 
 def lengths_that_shift(robot: Robot, *, tool_free: bool) -> frozenset[str]:
-    """The lengths of an arm that shift all that it reaches, whatever the posture: a column's height, say.
-
-    Args:
-        tool_free: whether those count too that shift the tool point in the tool's frame.
-    """
+    """The lengths of an arm that shift all that it reaches, whatever the posture: a column's height, say."""
     q = np.random.default_rng(0).uniform(-1.0, 1.0, (robot.n, _POSTURES_OF_SHIFTS))
     reached = walk(robot.factors, factor_values(robot.factors, list(q)))
     found = set()
@@ -411,12 +371,7 @@ def counted(data: Measurements, further: Mapping[str, float]) -> Measurements:
 
 
 def gravity_of(robot: Robot, frames: Mapping[str, float]) -> tuple[float, float, float]:
-    """Gravity [m/s²] in the world of the data, with the base off by ``frames`` from the file's.
-
-    Where the base is free, the world is the instrument's frame. If the arm is upright in it but for some degrees,
-    the instrument was levelled and the tilt is the base's own; if not, the arm is mounted as the file says and the
-    instrument does not.
-    """
+    """Gravity [m/s²] in the world of the data, with the base off by ``frames`` from the file's."""
     found = walk(robot.base, factor_values(robot.base, [], frames)).columns
     stated = walk(robot.base, factor_values(robot.base, [])).columns
     turn = np.array(found, dtype=float).T @ np.array(stated, dtype=float)

@@ -17,7 +17,6 @@ from posture_opt.model.chain import factor_values, walk
 from posture_opt.numerics import Array, Codes, rms, stacked_rows
 from posture_opt.robot.robot import Factor, Robot
 
-_REACH_PER_TOOL = 10.0  # a tool is some ten times shorter than its arm; one of twice that is twice its σ away
 _LENGTH_TOLERANCE_M = 1e-9  # m: rounding
 
 
@@ -27,15 +26,7 @@ def kabsch(a: Array, b: Array, near: Array | None = None) -> tuple[Array, Array]
     ``near`` (3, 3), small compared with the scatter of the points [m²], decides the turn that points on a line leave
     open. Source: Umeyama (1991), equations 39-42, without scale.
 
-    Args:
-        a, b: corresponding points [m]; three that are not on a line determine the rotation.
-
-    Example:
-        >>> import numpy as np
-        >>> a = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
-        >>> R, t = kabsch(a, a @ np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]]) + 1.0)
-        >>> bool(np.allclose(R, [[0, -1, 0], [1, 0, 0], [0, 0, 1]])), np.round(t, 9).tolist()
-        (True, [1.0, 1.0, 1.0])
+    a, b: corresponding points [m]; three that are not on a line determine the rotation.
     """
     mean_a, mean_b = a.mean(axis=0), b.mean(axis=0)
     scatter = (b - mean_b).T @ (a - mean_a)
@@ -52,11 +43,10 @@ def nearest_rotation(M: Array) -> Array:
 def starting_deviations(residuals: Residuals) -> Array:
     """Deviations (k,) from nominal at which free frames and touched points fit the nominal arm.
 
-    With ``p_i``, ``R_i`` the flange in the base, ``t`` the tool offset and ``m_i`` the measured point,
-    ``R_bᵀ m_i + u − R_i t = p_i`` is linear in ``R_bᵀ``, ``u = −R_bᵀ t_b`` and ``t``; the rotation is then made
-    one by projection and the rest solved again. Touched points are linear in ``t`` and themselves. Where orientations
-    hardly change, base and tool cannot be distinguished: the tool stays as near to its stated offset as the arm's size
-    asks, see `tool_sigma`.
+    With ``p_i``, ``R_i`` the flange in the base, ``t`` the tool offset and ``m_i`` the measured point, ``R_bᵀ m_i + u −
+    R_i t = p_i`` is linear in ``R_bᵀ``, ``u = −R_bᵀ t_b`` and ``t``; the rotation is then made one by projection and
+    the rest solved again. Touched points are linear in ``t`` and themselves. Where orientations hardly change, base and
+    tool cannot be distinguished: the tool stays as near to its stated offset as the arm's size asks, see `tool_sigma`.
     """
     robot, data = residuals.robot, residuals.data
     tool_free = tool_unknown(robot, data)
@@ -79,7 +69,8 @@ def starting_deviations(residuals: Residuals) -> Array:
 
 def tool_sigma(robot: Robot) -> float:
     """How far a free tool that nothing determines is from its start or the flange [m]: less than the arm."""
-    return reach(robot) / _REACH_PER_TOOL
+    # 10.0 a tool is some ten times shorter than its arm; one of twice that is twice its σ away
+    return reach(robot) / 10.0
 
 
 def offset_of_tool(parameter: Parameter) -> bool:
@@ -89,15 +80,12 @@ def offset_of_tool(parameter: Parameter) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class _Flange:
-    """The nominal flange in the base at all rows: position p (N, 3), orientation R (N, 3, 3), and what it carries.
-
-    Args:
-        codes: (N,) the target of each row; ``nominal`` (tools, 3) their stated offsets [m], ``sigma`` how near to them
-            the offsets are [m].
-    """
+    """The nominal flange in the base at all rows: position p (N, 3), orientation R (N, 3, 3), and what it carries."""
 
     p: Array
     R: Array
+    # (N,) the target of each row; ``nominal`` (tools, 3) their stated offsets [m], ``sigma`` how near to them the
+    # offsets are [m]
     codes: Codes
     nominal: Array
     sigma: float
@@ -155,10 +143,7 @@ def _base_pose(residuals: Residuals) -> tuple[Array, Array]:
 def _frames_start(
     flange: _Flange, m: Array, free: tuple[bool, bool], base: tuple[Array, Array]
 ) -> tuple[Array, Array, Array]:
-    """Rotation (3, 3) and place (3,) of the base and the offsets (tools, 3), of the stated ones those that are free.
-
-    Where base and tool are free, the start with the stated offsets is kept unless others explain enough.
-    """
+    """Rotation (3, 3) and place (3,) of the base and the offsets (tools, 3), of the stated ones those that are free."""
     R_b, t_b = base
     if not free[0]:
         off = rms(flange.reached(flange.nominal) - (m - t_b) @ R_b)
@@ -180,10 +165,7 @@ def _frames_start(
 
 
 def _placed_base(flange: _Flange, offset: Array, m: Array, stated: Array) -> tuple[tuple[Array, Array], float]:
-    """Rotation and place of the base for some offsets, and the RMS that they leave [m].
-
-    Across a line, points scatter by what the arm errs: that determines no turn about it, and the stated one is kept.
-    """
+    """Rotation and place of the base for some offsets, and the RMS that they leave [m]."""
     reached = flange.reached(offset)
     left, near = 0.0, None
     for _ in range(2):
@@ -196,8 +178,7 @@ def _placed_base(flange: _Flange, offset: Array, m: Array, stated: Array) -> tup
 def _rotation_of_base(flange: _Flange, m: Array, spread: float) -> Array:
     """The rotation (3, 3) of the base by the linear equations of `starting_deviations`, projected to a rotation.
 
-    Args:
-        m: (N, 3) measured points [m]; spread: how far off the equations are [m], against the tool's tolerance.
+    m (N, 3) measured points [m]; spread: how far off the equations are [m], against the tool's tolerance.
     """
     n = len(m)
     centre = m.mean(axis=0)  # far from the tracker, the columns of a coordinate and of the shift would be alike
@@ -211,10 +192,7 @@ def _rotation_of_base(flange: _Flange, m: Array, spread: float) -> Array:
 
 
 def _tool_offsets(flange: _Flange, turned: Array, spread: float, *, shift: bool) -> Array:
-    """Offsets (tools, 3) [m] that bring the tool points to points ``turned`` (N, 3) into the frame of the base.
-
-    ``shift`` says whether a common shift of all points is unknown too.
-    """
+    """Offsets (tools, 3) [m] that bring the tool points to points ``turned`` (N, 3) into the frame of the base."""
     A = np.zeros((len(turned), 3, 3 + flange.nominal.size))
     if shift:
         A[:, range(3), range(3)] = 1.0
@@ -248,7 +226,6 @@ def _place_starts(residuals: Residuals, flange: _Flange, offset: Array) -> dict[
 
 
 def _tool_turns(residuals: Residuals, flange: _Flange, R_b: Array) -> dict[str, float]:
-    """The turns of each tool on the flange, the mean of those that rows with an orientation show, by name."""
     data, found = residuals.data, dict[str, float]()
     columns = np.moveaxis(R_b @ flange.R, 0, -1).swapaxes(0, 1)
     none = np.zeros((max(len(data.place_names), 1), data.kind.width))
@@ -270,12 +247,10 @@ def frame_rotation(factors: Sequence[Factor], turns: Mapping[str, float]) -> Arr
 
 
 def _is_named_turn(factor: Factor) -> bool:
-    """Whether a factor is a rotation with a parameter."""
     return factor.kind == "rotate" and bool(factor.parameter)
 
 
 def _named_angles(factors: Sequence[Factor], R: Array) -> dict[str, float]:
-    """The named turns of a frame whose rotation is ``R``: what its constant turns leave over."""
     constant = [factor for factor in factors if factor.kind == "rotate" and not factor.parameter]
     before = np.array(walk(constant, [factor.nominal for factor in constant]).columns, dtype=float).T
     found = roll_pitch_yaw(before.T @ R)

@@ -3,9 +3,8 @@
 Plates, wires and sockets leave much of a geometry open, and may scatter more than the arm errs: fitted freely, the arm
 would get worse. Each parameter is taken to be normal about its nominal value instead, with one standard deviation τ for
 all lengths, one for all axes, and one for the zeros of all joints, since a machined link and a zero set by hand differ
-tenfold. Each τ is log-normal beforehand, ``ln τ ~ N(ln τ₀, s²)``, and given the data has the density
-``p(τ) det(M + BᵀB/τ²)^(-1/2) τ^(-n) exp(-F(τ))`` of the evidence to first order (MacKay 1992), F the minimum of the sum
-of squares.
+tenfold. Each τ is log-normal beforehand, ``ln τ ~ N(ln τ₀, s²)``, and given the data has the density ``p(τ) det(M +
+BᵀB/τ²)^(-1/2) τ^(-n) exp(-F(τ))`` of the evidence to first order (MacKay 1992), F the minimum of the sum of squares.
 
 Estimate and error ask for different widths. What an unseen part is uncertain by is ``√E τ²``. An estimate that weighs
 its prior so follows noise, as large τ that hardly are true count most: ``exp E ln τ`` comes near the mean over all τ.
@@ -26,17 +25,11 @@ from posture_opt.numerics import Array, Codes, Mask
 
 @dataclass(frozen=True)
 class Tolerance:
-    """What is known of parts of one sort before any is measured.
+    """What is known of parts of one sort before any is measured."""
 
-    Args:
-        noun: of the parts, in plural.
-        median: τ₀ [m or rad].
-        spread: s, standard deviation of ``ln τ``.
-    """
-
-    noun: str
-    median: float
-    spread: float
+    noun: str  # of the parts, in plural
+    median: float  # τ₀ [m or rad]
+    spread: float  # s, standard deviation of ``ln τ``
 
     @property
     def start(self) -> float:
@@ -46,15 +39,10 @@ class Tolerance:
 
 @dataclass(frozen=True, eq=False)
 class Widths:
-    """(k,) standard deviations of parts by manufacturing [rad, m]; NaN where none is assumed.
+    """(k,) standard deviations of parts by manufacturing [rad, m]; NaN where none is assumed."""
 
-    Args:
-        typical: ``exp E ln τ``, by which a part weighs in the estimate.
-        uncertain: ``√E τ²``, which the errors of the estimate count with.
-    """
-
-    typical: Array
-    uncertain: Array
+    typical: Array  # ``exp E ln τ``, by which a part weighs in the estimate
+    uncertain: Array  # ``√E τ²``, which the errors of the estimate count with
 
     @property
     def own(self) -> Codes:
@@ -73,17 +61,10 @@ measured arms (UR5, UR10, two Pandas, iiwa), whose lengths scatter by 0.08 to 0.
 """
 _LENGTHS, _AXES, _ZEROS = range(3)
 _REACH = 3.5  # standard deviations of ln τ that the quadrature covers, and its nodes
-_NODES = 41
-_MAX_ROUNDS = 20
-_SETTLED = 1e-3
-"""Relative change of τ at which it has settled."""
 
 
 def assumed_widths(residuals: Residuals, stated: Sequence[int]) -> Widths:
-    """Of parameters of the geometry, with nothing measured.
-
-    None is for positions and poses, which show the whole geometry, for frames, and where the file states one.
-    """
+    """Of parameters of the geometry, with nothing measured."""
     typical, uncertain = (np.full(len(residuals.parameters), np.nan) for _ in range(2))
     if residuals.data.kind.leaves_geometry_open:
         own = [i for i, p in enumerate(residuals.parameters) if p.made and i not in stated]
@@ -101,39 +82,31 @@ def sorts_of_parts(residuals: Residuals, rows: Sequence[int] | Codes) -> Codes:
 
 
 def widths_of_data(fit: Fit, assumed: Widths) -> Widths:
-    """The assumed widths as the data ask for them, to first order about a fit whose prior they are.
-
-    The width of one sort is judged with those of the others at their typical values, in turn until these settle.
-    """
+    """The assumed widths as the data ask for them, to first order about a fit whose prior they are."""
     own = assumed.own
     if not fit.design * fit.variance > 0:  # what is met without any error says nothing of the parts
         return assumed
     seen = _Evidence.of(fit, assumed, own)
     sorts = sorts_of_parts(fit.residuals, own)
     typical, uncertain = assumed.typical.copy(), assumed.uncertain.copy()
-    for _ in range(_MAX_ROUNDS):
+    for _ in range(20):
         last = typical.copy()
         for sort in np.unique(sorts):
             mine = sorts == sort
             typical[own[mine]], uncertain[own[mine]] = _width(seen, TOLERANCES[sort], mine, typical[own] ** 2)
-        if np.max(np.abs(typical[own] / last[own] - 1)) <= _SETTLED:
+        # 1e-3 relative change of τ at which it has settled.
+        if np.max(np.abs(typical[own] / last[own] - 1)) <= 1e-3:
             break
     return Widths(typical, uncertain)
 
 
 @dataclass(frozen=True, eq=False)
 class _Evidence:
-    """The sum of squares ``½ zᵀMz + gᵀz + ½ |(x + Bz)/τ|²`` of steps z (r,) about a fit.
+    """The sum of squares ``½ zᵀMz + gᵀz + ½ |(x + Bz)/τ|²`` of steps z (r,) about a fit."""
 
-    Args:
-        M: (r, r) information of the data and of what is known beside the tolerances.
-        g: (r,) half the slope of their sum of squares.
-        B: (n, r) what steps move of the parts; x: (n,) where these are [rad, m].
-    """
-
-    M: Array
-    g: Array
-    B: Array
+    M: Array  # (r, r) information of the data and of what is known beside the tolerances
+    g: Array  # (r,) half the slope of their sum of squares
+    B: Array  # (n, r) what steps move of the parts; x: (n,) where these are [rad, m]
     x: Array
 
     @classmethod
@@ -167,7 +140,7 @@ def _seen_by(P: Array) -> Array:
 
 def _width(seen: _Evidence, tolerance: Tolerance, mine: Mask, variance: Array) -> tuple[float, float]:
     """``exp E ln τ`` and ``√E τ²`` of the parts ``mine`` (n,), the ``variance`` (n,) of the others as it is."""
-    t = tolerance.spread * np.linspace(-_REACH, _REACH, _NODES)
+    t = tolerance.spread * np.linspace(-_REACH, _REACH, 41)
     square = tolerance.median**2 * np.exp(2 * t)
     each = np.where(mine, square[:, None], variance)
     number = np.linalg.matrix_rank(seen.B[mine])
