@@ -8,8 +8,7 @@ from itertools import count
 
 import numpy as np
 
-from posture_opt.calibration.assumptions.frame_coordinates import Chart
-from posture_opt.calibration.assumptions.frames import arm_and_data, fit_frames, held_length
+from posture_opt.calibration.assumptions.frames import Chart, arm_and_data, fit_frames, held_length
 from posture_opt.calibration.assumptions.instrument import further_ratio
 from posture_opt.calibration.assumptions.refuted_statements import consistent_problem
 from posture_opt.calibration.calibration import Calibration
@@ -22,19 +21,24 @@ from posture_opt.calibration.data_checks import (
     check_places,
     check_sense,
     check_size,
+    place_notes,
+    size_notes,
     still_notes,
+    tolerance_notes,
 )
 from posture_opt.calibration.doubts import doubts_about, without_copies
 from posture_opt.calibration.estimation.error_statistics import By, Statistics, folds_of, groups_of
 from posture_opt.calibration.estimation.fit import Fit, estimate_parameters, with_clustered_errors
 from posture_opt.calibration.estimation.fit_request import FitRequest
-from posture_opt.calibration.estimation.fit_setup import FitSetup, determine_directions, unseen_errors_of_fit
-from posture_opt.calibration.estimation.orientation_scatter import orientation_ratio
+from posture_opt.calibration.estimation.fit_setup import (
+    FitSetup,
+    determine_directions,
+    unseen_errors_of_fit,
+    widths_of_data,
+)
 from posture_opt.calibration.estimation.residuals import Residuals
-from posture_opt.calibration.estimation.tolerances import widths_of_data
-from posture_opt.calibration.geometry_notes import place_notes, size_notes, tolerance_notes
-from posture_opt.calibration.large_file import LargeFile
-from posture_opt.calibration.second_file import OtherFile, predict_other_file
+from posture_opt.calibration.instruments import orientation_ratio
+from posture_opt.calibration.second_file import LargeFile, OtherFile, predict_other_file
 from posture_opt.errors import InsufficientDataError
 from posture_opt.interrupts import interruptible
 from posture_opt.limits import MOST_FITTED

@@ -13,19 +13,23 @@ import numpy as np
 from posture_opt.calibration.assumptions.frames import far_frames
 from posture_opt.calibration.calibration_statements import CORRELATION_SHOWN, statements_of
 from posture_opt.calibration.cross_validation import HeldOut
-from posture_opt.calibration.estimation.effects_fit import fit_with_effects
+from posture_opt.calibration.doubts import OtherPreset, other_preset
 from posture_opt.calibration.estimation.error_statistics import By, Statistics
-from posture_opt.calibration.estimation.fit import Fit
+from posture_opt.calibration.estimation.fit import Fit, fit_with_effects
 from posture_opt.calibration.estimation.fit_request import FitRequest
 from posture_opt.calibration.estimation.identifiability import ANGLE_TOLERANCE_RAD, LENGTH_TOLERANCE_M, Identifiability
 from posture_opt.calibration.estimation.parameters import Parameter
 from posture_opt.calibration.estimation.residuals import Residuals
-from posture_opt.calibration.instrument_scatter import InstrumentScatter, instrument_scatter
-from posture_opt.calibration.instruments import Instrument, instruments_of
-from posture_opt.calibration.other_preset import OtherPreset, other_preset
+from posture_opt.calibration.instruments import (
+    LEAST_PROBABILITY,
+    Instrument,
+    InstrumentScatter,
+    instrument_scatter,
+    instruments_of,
+    probability_of_gain,
+)
 from posture_opt.calibration.second_file import OtherFile
 from posture_opt.calibration.start_up import StartUp, start_up
-from posture_opt.calibration.sure_gain import LEAST_PROBABILITY, probability_of_gain
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Codes, Json, Mask
 from posture_opt.registration import registered
@@ -37,7 +41,7 @@ if TYPE_CHECKING:
     from posture_opt.calibration.assumptions.contradictions import Contradiction
     from posture_opt.calibration.data_checks import Disagreement
     from posture_opt.calibration.doubts import Doubt
-    from posture_opt.calibration.large_file import LargeFile
+    from posture_opt.calibration.second_file import LargeFile
     from posture_opt.model.effects import Effect
 
 _MAX_DEVIATION_RATIO = 5.0  # times its tolerance, or its standard error

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from posture_opt.calibration.estimation.identifiability import ANGLE_TOLERANCE_RAD, LENGTH_TOLERANCE_M
-from posture_opt.calibration.sure_gain import LEAST_PROBABILITY
+from posture_opt.calibration.instruments import LEAST_PROBABILITY
 from posture_opt.measurements.measurements import rows_back_in_time
 from posture_opt.model.effects import Effect, JointCoupling
 from posture_opt.statements import Quantity, Statement, state
@@ -20,9 +20,8 @@ from posture_opt.units import ERROR_UNITS, number, plus_minus
 if TYPE_CHECKING:
     from posture_opt.calibration.assumptions.contradictions import Contradiction
     from posture_opt.calibration.calibration import Calibration
-    from posture_opt.calibration.large_file import LargeFile
-    from posture_opt.calibration.scatter_change import ScatterChange
-    from posture_opt.calibration.start_up import StartUp
+    from posture_opt.calibration.second_file import LargeFile
+    from posture_opt.calibration.start_up import ScatterChange, StartUp
     from posture_opt.measurements.measurements import Measurements
 
 DIMENSIONS = {"m": "length", "rad": "angle", "1": "number"}

@@ -1,4 +1,4 @@
-"""Errors where nothing was seen: every group of rows predicted by an arm fitted to the others, or by another file."""
+"""Held-out errors: every group of rows predicted by an arm fitted to the others, exactly or to first order."""
 
 from __future__ import annotations
 
@@ -9,10 +9,87 @@ import numpy as np
 
 from posture_opt.calibration.assumptions.frames import fit_frames
 from posture_opt.calibration.estimation.fit import Fit, estimate_parameters
-from posture_opt.calibration.estimation.linear_model import LinearModel
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.errors import InsufficientDataError, Issue
-from posture_opt.numerics import Array, Codes, Mask, rms_length
+from posture_opt.numerics import Array, Codes, Mask, factored_columns, rms_length, thin_svd
+
+_DETERMINED_SHARE = 1e-10  # of the largest singular value: what is smaller is not determined
+
+
+@dataclass(frozen=True, eq=False)
+class LinearModel:
+    """Residuals ``r + U K z`` for steps z of geometry and effects; every refit happens in the few coordinates K."""
+
+    r: Array  # (m,) residuals at the estimate, those of known distances and of the prior at the end
+    U: Array  # (m, p) orthonormal basis of all columns, ``K`` (p, c) the columns in it
+    K: Array
+    basis: Array  # (k, c) deviations of the parameters per step; shapes of effects stay
+    owner: Codes  # (c,) the effect that a column belongs to; -1 for geometry
+    z: Array  # (c,) the steps that the effects' estimates are; zero for geometry
+
+    @classmethod
+    def of(cls, fit: Fit) -> LinearModel:
+        """The linear model of a fit at its estimate: geometry in the fitted steps, then the sizes of all effects."""
+        r, J = fit.residuals_and_jacobian
+        geometry = fit.directions[:, fit.geometry]
+        own = fit.sizes
+        norms = np.linalg.norm(J[:, own], axis=0)
+        scale = np.where(norms > 0, norms, 1.0)
+        effects = np.zeros((len(fit.x), len(own)))
+        effects[own, range(len(own))] = 1 / scale
+        basis = np.concatenate([geometry, effects], axis=1)
+        sizes = [s.stop - s.start for s in fit.slices]
+        owner = np.r_[np.full(geometry.shape[1], -1), np.repeat(np.arange(len(sizes)), sizes)].astype(np.intp)
+        z = np.r_[np.zeros(geometry.shape[1]), fit.x[own] * scale]
+        return cls(r, *_in_own_space(J @ basis), basis, owner, z)
+
+    @classmethod
+    def with_columns(cls, fit: Fit, columns: Array) -> LinearModel:
+        """Of the geometry of a fit and columns (m, c) that it was not fitted with, each of unit length."""
+        r, J = fit.residuals_and_jacobian
+        geometry = fit.directions[:, fit.geometry]
+        further = np.zeros((len(r), columns.shape[1]))  # a prior of the geometry knows nothing of them
+        further[: len(columns)] = columns
+        U, K = _in_own_space(np.concatenate([J @ geometry, further], axis=1))
+        count = geometry.shape[1] + columns.shape[1]
+        basis = np.concatenate([geometry, np.zeros((len(fit.x), columns.shape[1]))], axis=1)
+        return cls(r, U, K, basis, np.full(count, -1), np.zeros(count))
+
+    def without(self, effect: int | None) -> tuple[Array, Codes]:
+        """Residuals (m,) when an effect is taken out with nothing refitted, and the columns that are left."""
+        gone = self.owner == effect if effect is not None else np.zeros(len(self.owner), dtype=bool)
+        r = self.r - self.U @ (self.K[:, gone] @ self.z[gone]) if gone.any() else self.r
+        return r, np.flatnonzero(~gone)
+
+    def refitted(self, effect: int) -> Array:
+        """(k,) deviations after which the rest explains what an effect leaves when it is taken out."""
+        return np.asarray(self.basis @ self._step_without(effect))
+
+    def left_without(self, effect: int) -> Array:
+        """(m,) residuals when an effect is taken out and the rest fitted again."""
+        r, _ = self.without(effect)
+        return np.asarray(r + self.U @ (self.K @ self._step_without(effect)))
+
+    def _step_without(self, effect: int) -> Array:
+        """(c,) the step of the rest when an effect is taken out; zero for the effect itself."""
+        r, kept = self.without(effect)
+        step = np.zeros(len(self.owner))
+        step[kept] = np.linalg.lstsq(self.K[:, kept], -self.U.T @ r, rcond=_DETERMINED_SHARE)[0]
+        return step
+
+
+def _in_own_space(A: Array) -> tuple[Array, Array]:
+    """An orthonormal basis U (m, p) of columns A (m, c), without directions that are not determined, and ``UᵀA``."""
+    norms = np.linalg.norm(A, axis=0)
+    # 1e-9 of the longest column: what is as long is more than rounding of others
+    if norms.min(initial=1.0) > 1e-9 * norms.max(initial=0.0):
+        factored = factored_columns(A / norms)
+        if factored is not None:
+            return factored[0], factored[1] * norms
+    U, s, V = thin_svd(A)
+    kept = s > _DETERMINED_SHARE * s.max(initial=0.0)
+    return U[:, kept], s[kept, None] * V[kept]
+
 
 Folds = Sequence[Codes]
 
@@ -214,3 +291,71 @@ def position_errors(residuals: Residuals, x: Array) -> Array:
         return residuals.data.about_points(error)
     error[:, np.setdiff1d(np.arange(3), residuals.axes)] = 0.0
     return error
+
+
+@dataclass(frozen=True, eq=False)
+class LeftOut:
+    """Errors on held-out rows with everything in the model, and with each part left out and all else fitted again."""
+
+    whole: Array  # (N, axes) [m] with everything
+    without: Array  # (parts, N, axes) [m]
+
+    @property
+    def gains(self) -> Array:
+        """(parts,) relative drop of the RMS by each part, ``1 − RMS_whole / RMS_without``."""
+        whole = rms_length(self.whole)
+        return np.array([1 - whole / max(rms_length(e), 1e-300) for e in self.without])
+
+
+def leave_out(residuals: Residuals, linear: LinearModel, folds: Folds, parts: Sequence[Codes]) -> LeftOut:
+    """Errors of the rows of each fold by the model fitted to the others, whole and without some of its columns.
+
+    With the estimate ``z`` of a fold and its covariance ``C`` (for residuals of variance one) the estimate under ``z_g
+    = 0`` is ``z − C[:, g] C[g, g]⁻¹ z_g`` (Lawson, Hanson 1974, chapter 22).
+    """
+    n, axes, block = len(residuals.data), len(residuals.axes), residuals.block
+    whole, without = np.zeros((n, axes)), np.zeros((len(parts), n, axes))
+    every = np.arange(linear.K.shape[1])
+    for left_out in folds:
+        theirs = residual_indices(left_out, block)
+        step, spread = refit_of_fold(linear, linear.r, every, theirs)
+        seen = [_Seen.of(linear, spread, g) for g in parts]
+        for g, part in zip(parts, seen, strict=True):
+            step[g] = part.shown(step[g] + linear.z[g]) - linear.z[g]  # of what these rows do not show nothing is known
+        judged = residual_indices(judged_rows(residuals, left_out), block)
+        A = linear.U[judged] @ linear.K
+        r = linear.r[judged] + A @ step
+        whole[left_out] = positions_of(residuals, r, left_out)
+        for i, (g, part) in enumerate(zip(parts, seen, strict=True)):
+            less = spread @ part.weights(step[g] + linear.z[g])
+            without[i, left_out] = positions_of(residuals, r - A @ less, left_out)
+    return LeftOut(whole, without)
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """What the rows of a fold show of a part, its columns counted in units of their length in all rows."""
+
+    lengths: Array  # (p,) of the columns; ``root`` (p, r) of the covariance of their steps in that unit
+    root: Array
+    Q: Array  # Q, variances: (p, d) directions that are shown, and the variance of each (d,)
+    variances: Array
+
+    @classmethod
+    def of(cls, linear: LinearModel, spread: Array, part: Codes) -> _Seen:
+        """Of a part, with the root of the covariance of all steps."""
+        lengths = np.maximum(np.linalg.norm(linear.K[:, part], axis=0), 1e-300)
+        root = lengths[:, None] * spread[part]
+        values, Q = np.linalg.eigh(root @ root.T)
+        # 1e-8 of the step of a column of unit length, which is one where the rows show it: less is that of one they do
+        # not show.
+        kept = values > 1e-8
+        return cls(lengths, root, Q[:, kept], values[kept])
+
+    def shown(self, sizes: Array) -> Array:
+        """(p,) sizes as far as they are shown."""
+        return np.asarray(self.Q @ (self.Q.T @ (self.lengths * sizes)) / self.lengths)
+
+    def weights(self, sizes: Array) -> Array:
+        """(r,) by which the root of the covariance gives what sizes (p,) that become zero take along."""
+        return np.asarray(self.root.T @ (self.Q @ (self.Q.T @ (self.lengths * sizes) / self.variances)))

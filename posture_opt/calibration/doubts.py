@@ -1,4 +1,4 @@
-"""What can hardly be as a file of measurements says: copies of rows, °F for °C, sides that contradict the rows."""
+"""What can hardly be as stated: copies of rows, °F for °C, contradicted sides, another preset's link lengths."""
 
 from __future__ import annotations
 
@@ -7,9 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from posture_opt.calibration.cross_validation import position_errors
+from posture_opt.calibration.estimation.fit import minimum_of
+from posture_opt.calibration.estimation.identifiability import identify_parameters
+from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.repeats import SAME_POSTURE_RAD
-from posture_opt.numerics import Array, Codes, Json
+from posture_opt.numerics import Array, Codes, Json, rms_length
+from posture_opt.robot.preset import load_preset, preset_names
+from posture_opt.robot.robot import Robot
 from posture_opt.statements import Statement, state
 
 _MIN_SIDES, _CONTRADICTING_SHARE = 20, 0.9
@@ -75,3 +81,90 @@ def _contradicted_sides(data: Measurements) -> tuple[int, int]:
 
 def _celsius(fahrenheit: float) -> float:
     return (fahrenheit - 32) / 1.8
+
+
+_SAME_ANGLE_RAD, _SAME_LENGTH_M = 1e-3, 1e-4
+"""Angles of one structure, and lengths that are not worth a word, agree to this."""
+
+
+@dataclass(frozen=True)
+class OtherPreset:
+    """A preset whose lengths the data have."""
+
+    name: str  # of the preset; ``title`` of the arm
+    title: str
+    # of the position errors with its lengths, only free frames fitted [m]; ``stated`` with those of the file
+    rms: float
+    stated: float
+    # parameter -> (length of the file, of the preset [m]), those that differ
+    lengths: Mapping[str, tuple[float, float]]
+
+    def to_json(self) -> dict[str, Json]:
+        return {
+            "name": self.name,
+            "title": self.title,
+            "residual_rms": {"stated": self.stated, "preset": self.rms},
+            "lengths": {name: {"stated": a, "preset": b} for name, (a, b) in self.lengths.items()},
+        }
+
+
+def other_preset(residuals: Residuals, x_nominal: Array) -> OtherPreset | None:
+    """The preset whose lengths explain the data where those of the file do not; None where there is none.
+
+    x_nominal (k,) deviations [rad, m] with only the free frames fitted.
+    """
+    stated = rms_length(position_errors(residuals, x_nominal))
+    # 2e-3 RMS error [m] of the arm of the file from which other lengths are tried: uncalibrated arms of the right type
+    # are off by 0.5 to 1.1 mm in the real sets, an arm of the next generation by 9 mm and more.
+    if stated < 2e-3:
+        return None
+    found = []
+    for name in preset_names():
+        preset = load_preset(name)
+        lengths = _other_lengths(residuals.robot, preset)
+        if lengths:
+            found.append(OtherPreset(name, preset.name, _error_with(residuals, x_nominal, lengths), stated, lengths))
+    best = min(found, key=lambda one: one.rms, default=None)
+    # 3.0 times: less the lengths of the right preset leave, at the least.
+    return best if best is not None and best.rms * 3.0 < stated else None
+
+
+def _other_lengths(robot: Robot, other: Robot) -> dict[str, tuple[float, float]]:
+    """Parameter -> length in both arms [m], of those that differ; nothing for arms of another structure."""
+    if [j.type for j in robot.joints] != [j.type for j in other.joints]:
+        return {}
+    lengths: dict[str, tuple[float, float]] = {}
+    for own, theirs in zip(robot.links, other.links, strict=True):
+        if [(f.kind, f.axis) for f in own] != [(f.kind, f.axis) for f in theirs]:
+            return {}
+        for one, two in zip(own, theirs, strict=True):
+            apart = abs(one.nominal - two.nominal)
+            if one.kind == "rotate" and apart > _SAME_ANGLE_RAD:
+                return {}
+            if one.kind == "translate" and apart > _SAME_LENGTH_M:
+                lengths[one.parameter] = (one.nominal, two.nominal)
+    return lengths
+
+
+def _error_with(residuals: Residuals, x_nominal: Array, lengths: Mapping[str, tuple[float, float]]) -> float:
+    """RMS position error [m] with other lengths, free frames fitted to them; infinite where one is no parameter."""
+    names = [p.name for p in residuals.parameters]
+    if not set(lengths) <= set(names):
+        return float("inf")
+    x = x_nominal.copy()
+    for name, (own, theirs) in lengths.items():
+        x[names.index(name)] = theirs - own
+    x, _ = minimum_of(residuals, x, free_directions(residuals, x), np.zeros((0, len(x))))
+    return rms_length(position_errors(residuals, x))
+
+
+def free_directions(residuals: Residuals, x: Array) -> Array:
+    """Directions (k, f) of the free frames and touched points at an arm ``x`` (k,)."""
+    columns = residuals.free
+    if not len(columns):
+        return np.zeros((len(x), 0))
+    J = residuals.residuals_and_jacobian(x)[1][:, columns]
+    part = identify_parameters([residuals.parameters[i].name for i in columns], J, len(residuals.data))
+    directions = np.zeros((len(x), part.rank))
+    directions[columns] = part.directions
+    return directions

@@ -1,19 +1,22 @@
-"""What each instrument of a calibration measured: its rows, its errors in its own unit, what it left unknown."""
+"""Instruments of a calibration: rows, errors and scatter of each, and whether they can better the arm."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from math import isfinite, nan
+from math import isfinite, nan, sqrt
+from statistics import NormalDist
 
 import numpy as np
 
 from posture_opt.calibration.assumptions.instrument import further_sigmas, position_sigma, stated_sigma_of
 from posture_opt.calibration.cross_validation import residual_indices
 from posture_opt.calibration.estimation.fit import Fit
+from posture_opt.calibration.estimation.least_squares import reduced_jacobian
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.measurements.kinds.mixed import Mixed
-from posture_opt.numerics import Array, Codes, Json, rms, rms_length
+from posture_opt.measurements.repeats import Contrasts
+from posture_opt.numerics import Array, Codes, Json, rms, rms_length, stacked_rows
 from posture_opt.selection.problem_data import ProblemData
 
 
@@ -157,3 +160,119 @@ def _chance(variance: float, freedom: float) -> float:
 
     below = float(gammainc(freedom / 2, variance * freedom / 2))
     return 2 * min(below, 1 - below)
+
+
+def orientation_ratio(fit: Fit) -> float:
+    """How many times as far orientations scatter as positions, each in units of the σ that weighs it; 1 where as far.
+
+    ``√((Σ e_r² / ν_r) / (Σ e_p² / ν_p))`` over contrasts of repeats, which no error of the model is in, or else over
+    what the fit leaves, with the degrees of freedom that it leaves to each (Förstner 1979). It is 1 where an F test
+    does not find them different, where they differ by less than half, and where no orientation counts.
+    """
+    residuals = fit.residuals
+    if not residuals.data.kind.further:
+        return 1.0
+    kept = np.flatnonzero(fit.kept)
+    data = residuals.data.take(kept)
+    e = fit.whitened.reshape(-1, residuals.block)[kept]
+    slides = np.array([joint.type == "prismatic" for joint in residuals.robot.joints])
+    for contrasts in (Contrasts.of(data, slides), Contrasts.of_readings(data)):
+        # 12 degrees of freedom from which on repeats decide alone: a σ is then known to a fifth.
+        if 3 * len(contrasts) >= 12:
+            pure = contrasts.differences(e) / np.sqrt(contrasts.reading)[:, None]
+            return _ratio(pure, np.ones(pure.shape), len(residuals.axes))
+    J = reduced_jacobian(fit.jacobian, fit.directions).reshape(len(fit.kept), residuals.block, -1)[kept]
+    Q, _ = np.linalg.qr(J.reshape(e.size, -1))
+    return _ratio(e, 1 - np.sum(Q**2, axis=1).reshape(e.shape), len(residuals.axes))
+
+
+def _ratio(e: Array, left: Array, axes: int) -> float:
+    """The ratio of the scatter of the last coordinates of residuals e (N, d) to that of the first ``axes`` of them."""
+    from scipy.special import fdtr, fdtrc
+
+    square, freedom = (np.array([np.sum(v[:, :axes]), np.sum(v[:, axes:])]) for v in (e**2, left))
+    if np.min(freedom) < 1 or np.min(square) <= 0:
+        return 1.0
+    F = float(np.divide(*(square / freedom)[::-1]))
+    p = 2 * float(min(fdtr(*freedom[::-1], F), fdtrc(*freedom[::-1], F)))
+    ratio = float(np.sqrt(F))
+    # 1.5 ratio from which on orientations are weighed anew: with less, a fit loses at the most a seventh of its
+    # information, ``4 k / (1 + k)²`` for a variance that is wrong by k.
+    # 0.002 level at which both scatter alike.
+    return ratio if p < 0.002 and max(ratio, 1 / ratio) > 1.5 else 1.0
+
+
+@dataclass(frozen=True)
+class InstrumentScatter:
+    """One reading: what is left of it after calibration, against what errors of the arm make of it."""
+
+    scatter: float  # standard deviation of a reading about the calibrated arm [unit]
+    arm: float  # RMS change of a reading by errors of the nominal arm, with free frames and places fitted [unit]
+    unit: str  # SI unit of both; ``noun`` what is read, in plural
+    noun: str
+
+    @property
+    def exceeds(self) -> bool:
+        return self.scatter > self.arm
+
+    def to_json(self) -> dict[str, Json]:
+        return {"scatter": self.scatter, "arm": self.arm, "unit": self.unit, "exceeds_arm": self.exceeds}
+
+
+def instrument_scatter(fit: Fit, x_nominal: np.ndarray) -> InstrumentScatter | None:
+    """The scatter of the instrument beside the errors of the arm; None of positions, which show the arm as it is.
+
+    Of variances s² after calibration and s₀² before, each per degree of freedom, the arm's part is ``√(s₀² − s²)``.
+
+    x_nominal (k,) deviations with only free frames and places fitted [rad, m].
+    """
+    used = fit.residuals.take(np.flatnonzero(fit.kept))
+    kind = used.data.kind
+    if not kind.leaves_geometry_open:
+        return None
+    r = used.whitened(x_nominal)[: used.measured]
+    before = float(r @ r) / max(len(r) - len(used.free), 1)
+    sigma = rms(np.broadcast_to(used.row_sigma, len(used.data)))
+    arm = sqrt(max(before - fit.variance, 0.0))
+    unit = kind.unit if used.data.lever is None else "m"  # what a pixel is at the marker
+    return InstrumentScatter(sigma * sqrt(fit.variance), sigma * arm, unit, kind.noun)
+
+
+LEAST_PROBABILITY = 0.9
+"""With which a calibrated arm must be better than the nominal one to be delivered. Where an instrument scatters twice
+as much as an arm errs, one in ten fits is worse than nominal even with the true tolerances and the true σ.
+"""
+
+
+def probability_of_gain(fit: Fit, x_nominal: Array) -> float:
+    """``Φ(|u|² / 2s)``: that positions at the fitted rows are nearer to the true ones with ``x`` than with ``x₀``.
+
+    They change by ``u = P J (x − x₀)``, where P takes out what a motion of the base does, and those of ``x`` err by ``P
+    J e`` with e of covariance C; those of ``x₀`` by ``P J e + u``, which is longer where ``2 uᵀJe > −|u|²``; ``s² = uᵀ
+    J C Jᵀ u``.
+
+    x_nominal: x₀ (k,), only free frames and places fitted [rad, m].
+    """
+    J = _positions_without_base(fit)
+    u = J @ (fit.x - x_nominal)
+    slope = J.T @ u
+    s = float(np.sqrt(np.maximum(slope @ fit.covariance @ slope, 0.0)))
+    return NormalDist().cdf(float(u @ u) / (2 * s)) if s > 0 else 0.5
+
+
+def _positions_without_base(fit: Fit) -> Array:
+    """(3N, k) ``P J`` of the tool's positions at the rows that count [m/rad or m/m]."""
+    used = fit.residuals.take(np.flatnonzero(fit.kept))
+    n, reached = len(used.data), used.walk(fit.x)
+    own = [i for i, p in enumerate(used.parameters) if p.source]
+    twists = used.arm.twists([used.parameters[i].source for i in own], used.q, reached, used.deviations(fit.x))
+    J = np.zeros((n, 3, len(fit.x)))
+    for i, (shift, _) in zip(own, twists, strict=True):
+        rows = used.parameters[i].code < 0 or used.data.target == used.parameters[i].code
+        J[:, :, i] = np.where(np.reshape(rows, (-1, 1)), stacked_rows(shift, n), 0.0)
+    p = stacked_rows(reached.position, n)
+    shifts = np.broadcast_to(np.eye(3), (n, 3, 3))
+    turns = np.stack([np.cross(axis, p - p.mean(axis=0)) for axis in np.eye(3)], axis=2)
+    base = np.linalg.qr(np.concatenate([shifts, turns], axis=2).reshape(3 * n, 6))[0]
+    flat = J.reshape(3 * n, -1)
+    return np.asarray(flat - base @ (base.T @ flat))

@@ -1,4 +1,4 @@
-"""Another file predicted by arms that it had no part in: its targets by name, its errors in and out of their ranges."""
+"""Rows that models had no part in: another file, its targets matched by name, and what thinning left out."""
 
 from __future__ import annotations
 
@@ -11,9 +11,11 @@ import numpy as np
 from posture_opt.calibration.assumptions.frames import frames_again, places_again
 from posture_opt.calibration.cross_validation import position_errors
 from posture_opt.calibration.estimation.error_statistics import Statistics
+from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.errors import InputError, Issue, one_of
 from posture_opt.measurements.measurements import Measurements
+from posture_opt.measurements.thinning import Thinning
 from posture_opt.numerics import Array, Json, Mask
 
 _RANGE_TOLERANCE = 1e-9  # rad or m
@@ -107,3 +109,47 @@ def match_targets(learned: Measurements, other: Measurements) -> Measurements:
         raise InputError(Issue("the test file does not say which target it measures", hint=hint, file=file))
     codes = np.array([known.index(name) for name in other.target_names] or [0], dtype=np.intp)
     return replace(other, target=codes[other.target], target_names=known)
+
+
+@dataclass(frozen=True, eq=False)
+class LargeFile:
+    """The rows of a file that taught a model, and those that judge it."""
+
+    thinning: Thinning  # which rows were used
+    models: Mapping[str, Statistics]  # position errors of the rows left out, by model [m]
+    # root mean square of what the standard errors of the fit move the tool by [m]; of n times as many rows it would be
+    # smaller by √n
+    uncertainty: float
+
+    @classmethod
+    def of(cls, thinning: Thinning, models: Mapping[str, tuple[Residuals, Array]], fit: Fit) -> LargeFile:
+        """The rows that are left out, predicted by models, each residuals and deviations (k,)."""
+        clocked, rest = thinning.clocked, thinning.rest
+        errors = {
+            name: position_errors(residuals.of_data(clocked).take(rest), x) for name, (residuals, x) in models.items()
+        }
+        groups = thinning.blocks[rest]
+        judged = {name: Statistics.of(e, groups) for name, e in errors.items()}
+        return cls(thinning, judged, tool_uncertainty(fit))
+
+    @property
+    def left(self) -> float:
+        """Root mean square error of the last model on the rows left out [m]."""
+        return list(self.models.values())[-1].rms
+
+    def to_json(self) -> dict[str, Json]:
+        return {
+            **self.thinning.to_json(),
+            "left_out": {name: statistics.to_json() for name, statistics in self.models.items()},
+            "fit_uncertainty_rms": self.uncertainty,
+        }
+
+
+def tool_uncertainty(fit: Fit) -> float:
+    """Root mean square over the rows of what the standard errors of a fit move the tool by [m]: ``√ tr(J C Jᵀ)``."""
+    used = fit.residuals
+    # 2000 rows: enough for the mean of what parameters do to the tool
+    some = used.take(np.unique(np.linspace(0, len(used.data) - 1, 2000).astype(np.intp)))
+    J = some.residuals_and_jacobian(fit.x)[1][: some.measured].reshape(len(some.data), some.block, -1)
+    L = some.metres(J[:, : len(some.axes)]) @ fit.directions
+    return float(np.sqrt(np.einsum("nij,jk,nik->", L, fit.C, L, optimize=True) / len(some.data)))

@@ -1,4 +1,4 @@
-"""Start-up: whether the first rows of a session are farther off than the others, as of an arm that is not warm yet."""
+"""Whether errors change along the rows: larger while an arm warms up, or from some row on."""
 
 from __future__ import annotations
 
@@ -105,3 +105,83 @@ def _p_of_first_window(errors: Array, k: int) -> float:
     others = y[1:]
     t = (y[0] - others.mean()) / max(float(others.std(ddof=1)) * np.sqrt(1 + 1 / len(others)), 1e-300)
     return float(stdtr(len(others) - 1, -t))
+
+
+_WINDOW = 10
+"""Rows of a window, whose RMS counts once: neighbours err alike."""
+_MIN_WINDOWS = 2
+"""Windows on either side of the change."""
+
+
+@dataclass(frozen=True)
+class ScatterChange:
+    """Rows from some line on that are farther off than those before, or nearer."""
+
+    line: int  # of the first row behind the change, in the file
+    before: float  # before, after: RMS of the position errors [m]
+    after: float
+    p_value: float  # corrected for the number of places
+    points: tuple[str, ...] = ()  # touched points that only rows behind the change touch
+
+    def to_json(self) -> dict[str, Json]:
+        return {
+            "line": self.line,
+            "residual_rms": {"before": self.before, "after": self.after},
+            "p_value": self.p_value,
+            "points": list(self.points),
+        }
+
+
+def scatter_change(errors: Array, data: Measurements) -> ScatterChange | None:
+    """Where errors are of another size from some row on, or None.
+
+    The rows are cut into windows of `_WINDOW`, in the order in which they were measured. At each place between two
+    windows the logarithms of their RMS on both sides are compared by Student's t of unequal variances (Welch 1947).
+
+    errors (N, axes) position errors [m] that the model leaves; data: of these rows.
+    """
+    order = data.order
+    count = len(errors) // _WINDOW
+    places = range(_MIN_WINDOWS, count - _MIN_WINDOWS + 1)
+    if not len(places):
+        return None
+    squares = np.sum(errors[order[: count * _WINDOW]] ** 2, axis=1).reshape(count, _WINDOW).mean(axis=1)
+    y = 0.5 * np.log(np.maximum(squares, 1e-300))
+    if not np.ptp(y) > 0:
+        return None
+    best = min(_p_of_means(y[:k], y[k:]) for k in places) * len(places)
+    split = _likeliest_row(errors[order])
+    before, after = rms_length(errors[order[:split]]), rms_length(errors[order[split:]])
+    # 1e-3 level of the test over all places together (Bonferroni).
+    # 1.5 times: larger errors are on one side, at the least: less changes nothing that is done.
+    if not best < 1e-3 or max(before, after) < 1.5 * min(before, after):
+        return None
+    points: tuple[str, ...] = ()
+    if data.touches:
+        first, later = (set(data.point[order[part]].tolist()) for part in (slice(split), slice(split, None)))
+        points = tuple(data.point_names[i] for i in sorted(later - first))
+    return ScatterChange(int(data.line[order[split]]), before, after, min(best, 1.0), points)
+
+
+def _p_of_means(a: Array, b: Array) -> float:
+    """Two-sided p-value of equal means of two samples of unequal variances.
+
+    Source: Welch (1947), Biometrika 34, 28-35. scipy.stats has it too, and takes half a second to be imported.
+    """
+    from scipy.special import stdtr
+
+    own = np.array([a.var(ddof=1) / len(a), b.var(ddof=1) / len(b)])
+    if not own.sum() > 0:
+        return 1.0
+    freedom = own.sum() ** 2 / (own[0] ** 2 / (len(a) - 1) + own[1] ** 2 / (len(b) - 1))
+    return float(2 * stdtr(freedom, -abs(a.mean() - b.mean()) / np.sqrt(own.sum())))
+
+
+def _likeliest_row(errors: Array) -> int:
+    """The first row of the later part where ``k log RMS_before + (N − k) log RMS_after`` is least."""
+    N, least = len(errors), _MIN_WINDOWS * _WINDOW
+    squares = np.cumsum(np.sum(errors**2, axis=1))
+    k = np.arange(least, N - least + 1)
+    before, after = squares[k - 1] / k, (squares[-1] - squares[k - 1]) / (N - k)
+    cost = k * np.log(np.maximum(before, 1e-300)) + (N - k) * np.log(np.maximum(after, 1e-300))
+    return int(k[np.argmin(cost)])

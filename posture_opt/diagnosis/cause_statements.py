@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from posture_opt.calibration.assumptions.geometric_deviation import GeometricDeviation
+from posture_opt.calibration.assumptions.contradictions import GeometricDeviation
 from posture_opt.diagnosis.cause_actions import Reason, shared_by_neighbours
 from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent
 from posture_opt.model.effects import BaseCompliance

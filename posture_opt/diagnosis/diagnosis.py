@@ -16,9 +16,8 @@ from posture_opt.calibration.doubts import Doubt
 from posture_opt.calibration.estimation.error_statistics import By, Statistics
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.fit_request import FitRequest
-from posture_opt.calibration.large_file import LargeFile
-from posture_opt.calibration.scatter_change import ScatterChange, scatter_change
-from posture_opt.calibration.start_up import StartUp, start_up
+from posture_opt.calibration.second_file import LargeFile
+from posture_opt.calibration.start_up import ScatterChange, StartUp, scatter_change, start_up
 from posture_opt.calibration.weights import Reading
 from posture_opt.diagnosis.cause_actions import CauseAction, cause_actions
 from posture_opt.diagnosis.cause_statements import geometric
@@ -53,7 +52,7 @@ from posture_opt.selection.fitted_arm import FittedArm
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.statements import Statement
 from posture_opt.validation.calibrated_arm import calibrated_models, compare_models
-from posture_opt.validation.repeat_scatter import prismatic_joints
+from posture_opt.validation.prediction import prismatic_joints
 
 _MAX_SCATTERING_JOINTS = 2  # joints that one arm may have scattering at once
 Outcome = Literal["effects_found", "none_found", "unexplained", "insufficient_data"]

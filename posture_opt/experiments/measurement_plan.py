@@ -13,7 +13,7 @@ import numpy as np
 from posture_opt.calibration.estimation.parameters import Parameter
 from posture_opt.csv_text import csv_line
 from posture_opt.experiments.candidate_postures import Workspace
-from posture_opt.experiments.expected_errors import ExpectedErrors
+from posture_opt.experiments.information import ExpectedErrors
 from posture_opt.experiments.plan_search import Tour
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Json, Mask

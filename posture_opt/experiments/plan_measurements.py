@@ -10,20 +10,21 @@ import numpy as np
 
 from posture_opt.collision.scene import Scene
 from posture_opt.errors import InputError, InsufficientDataError, Issue, NoSolutionError
-from posture_opt.experiments.candidate_postures import ANYWHERE, Box, Workspace
-from posture_opt.experiments.change_information import change_information, change_model, change_prior
-from posture_opt.experiments.expected_errors import ExpectedErrors, PriorInformation, Unknowns
+from posture_opt.experiments.candidate_postures import ANYWHERE, Box, KindWorkspace, Workspace
 from posture_opt.experiments.information import (
+    ExpectedErrors,
     GivenInformation,
     MeasurementModel,
+    PriorInformation,
+    Unknowns,
     given_information,
     measurement_model,
     nothing_measured,
     repeat_variance,
 )
-from posture_opt.experiments.kind_workspace import KindWorkspace
 from posture_opt.experiments.measurement_plan import MeasurementPlan, Purpose, SecondJoint, Target
 from posture_opt.experiments.plan_search import PlanSearch, shortest_tour
+from posture_opt.experiments.possible_changes import change_information, change_model, change_prior
 from posture_opt.interrupts import interruptible
 from posture_opt.limits import MOST_CANDIDATES, MOST_PLANNED
 from posture_opt.measurements.kinds.pose_columns import ORIENTATION

@@ -14,8 +14,7 @@ import numpy as np
 
 from posture_opt.experiments.candidate_postures import Workspace
 from posture_opt.experiments.exchange import Criterion, exchange_design, inverse_matrix
-from posture_opt.experiments.expected_errors import Unknowns
-from posture_opt.experiments.information import MeasurementModel
+from posture_opt.experiments.information import MeasurementModel, Unknowns
 from posture_opt.numerics import Array, Codes, Mask, Progress
 from posture_opt.workers import Workers
 

@@ -23,10 +23,19 @@ from posture_opt.selection.problem_data import ProblemData
 from posture_opt.statements import Quantity, Statement, notation, state
 from posture_opt.uncertainty.regions.regions import Ellipsoid, hotelling_factor
 from posture_opt.units import fixed
-from posture_opt.validation.model_errors import TEST_LEVEL, BlockMean, ModelErrors, measured_parts, model_errors
-from posture_opt.validation.repeat_scatter import prismatic_joints
+from posture_opt.validation.model_errors import (
+    TEST_LEVEL,
+    BlockMean,
+    ModelErrors,
+    Sides,
+    Trend,
+    measured_parts,
+    model_errors,
+    sides_of,
+    trends_of,
+)
+from posture_opt.validation.prediction import prismatic_joints
 from posture_opt.validation.repeatability_tests import ISO_CYCLES, Goals, Repeats, goals_of, repeats_of
-from posture_opt.validation.trends import Sides, Trend, sides_of, trends_of
 
 MIN_INSTRUMENT_RATIO = 10.0  # better than what it judges an instrument should be
 NORMAL_TAIL = 0.0027  # of normal numbers lie beyond three standard deviations

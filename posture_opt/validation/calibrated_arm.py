@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +15,31 @@ from posture_opt.selection.comparison.compare import compare_plans
 from posture_opt.selection.comparison.comparison import Comparison
 from posture_opt.selection.fitted_arm import FittedArm
 from posture_opt.selection.problem_data import ProblemData
-from posture_opt.validation.calibrated_second_arm import second_arms
+from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.validation.prediction import JointScatter
 from posture_opt.validation.residual_scatter import covariance_under, residual_scatter
+
+
+def second_arms(
+    calibration: Calibration, x: Array, covariance: Array, label: str, header: Sequence[str]
+) -> dict[str, FittedArm]:
+    """Name -> the second arm with its parameters that were found; none where it is held.
+
+    x (k,) deviations of the parameters of the calibration [rad or m]; covariance: (k, k) of these.
+    """
+    at = {p.name: i for i, p in enumerate(calibration.parameters)}
+    found = {}
+    for name, second in calibration.residuals.data.kind.second_arms.items():
+        if not second.unknowns:
+            continue
+        own = [at[f"{name}.{parameter}"] for parameter in second.unknowns]
+        known = persistent_sources(
+            second.robot, Sources.independent(second.sigmas), second.unknowns, covariance[np.ix_(own, own)]
+        )
+        deviations = dict(zip(second.unknowns, map(float, x[own]), strict=True))
+        found[name] = FittedArm(label=label, deviations=deviations, known=known, header=tuple(header))
+    return found
+
 
 FREE_BASE = (
     "the base is free, so the world is the frame of the instrument, and the place of the task is read in it: write "

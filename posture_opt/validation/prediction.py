@@ -99,6 +99,11 @@ def joint_errors(robot: Robot) -> tuple[str, ...]:
     return tuple(robot.factors[i].parameter for i in robot.driven)
 
 
+def prismatic_joints(residuals: Residuals) -> Mask:
+    """(n,) which joints are prismatic."""
+    return np.array([joint.type == "prismatic" for joint in residuals.robot.joints])
+
+
 @dataclass(frozen=True, eq=False)
 class ErrorSources:
     """Errors that stay and errors drawn anew at every repeat, by the parameters of the arm that err."""

@@ -31,9 +31,14 @@ from posture_opt.validation.prediction import (
     scatter_covariances,
     symmetric_root,
 )
-from posture_opt.validation.repeat_scatter import RepeatScatter, ScatterTest
+from posture_opt.validation.repeat_scatter import (
+    RepeatScatter,
+    ScatterPrediction,
+    ScatterTest,
+    observed_variances,
+    worth_showing,
+)
 from posture_opt.validation.residual_scatter import covariance_under, residual_scatter
-from posture_opt.validation.scatter_prediction import ScatterPrediction, observed_variances, worth_showing
 
 _WHEN = {"nominal": "before", "calibrated": "after"}
 _SOURCES = {"visit": "the scatter in the file", "joints": "the σ's of joint values in the file"}

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,19 +14,26 @@ from posture_opt.calibration.estimation.identifiability import identify_paramete
 from posture_opt.calibration.estimation.least_squares import robust_noise
 from posture_opt.calibration.estimation.parameters import (
     Parameter,
+    Prior,
     candidate_parameters,
     place_parameters,
     prior_covariance,
     tool_unknown,
 )
-from posture_opt.calibration.estimation.prior import Prior
 from posture_opt.calibration.estimation.residuals import Distance, Residuals, counted
-from posture_opt.calibration.estimation.starting_values import offset_of_tool, starting_deviations, tool_sigma
+from posture_opt.calibration.estimation.starting_values import (
+    frame_rotation,
+    offset_of_tool,
+    starting_deviations,
+    tool_sigma,
+)
 from posture_opt.errors import InputError, Issue
 from posture_opt.measurements.affine_fit import reach
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.orientation_columns import NO_ORIENTATION_NOTE
-from posture_opt.numerics import Array
+from posture_opt.measurements.rotations import roll_pitch_yaw
+from posture_opt.numerics import Array, Mask
+from posture_opt.robot.robot import Factor, Robot, frame_factors
 from posture_opt.selection.problem_data import ProblemData
 
 DEFAULT_SIGMA_M = 0.1e-3  # m, of an instrument that the file says nothing of; only a stated prior depends on it
@@ -220,3 +228,105 @@ def far_frames(residuals: Residuals, x: Array) -> dict[str, float]:
         if away > _MAX_BASE_REACHES * reach(robot):
             found["base"] = away
     return found
+
+
+_MIN_COSINE = 0.01  # cosine of the pitch in standard errors of roll and yaw, which would be endless at ±90°
+_ANGLE_NAMES = ("yaw", "pitch", "roll")
+
+
+@dataclass(frozen=True, eq=False)
+class Chart:
+    """The unknowns of ``given`` as they are reported, and those of ``fitted`` as they are fitted."""
+
+    given: Residuals
+    fitted: Residuals
+    locked: tuple[str, ...]  # which of ``base`` and ``tool`` start within 6° of a pitch of ±90°
+
+    @classmethod
+    def of(cls, residuals: Residuals) -> Chart:
+        """The chart that suits where free frames start."""
+        robot = residuals.robot
+        value = dict(zip((p.name for p in residuals.parameters), starting_deviations(residuals), strict=True))
+        free = {"base": robot.base_free, "tool": tool_unknown(robot, residuals.data)}
+        locked = []
+        for frame in ("base", "tool"):
+            factors = {f.parameter: f for f in getattr(robot, frame)}
+            if not free[frame] or any(f"{frame}.{turn}" not in value for turn in _ANGLE_NAMES):
+                continue
+            angles = {turn: factors[f"{frame}.{turn}"].nominal + value[f"{frame}.{turn}"] for turn in _ANGLE_NAMES}
+            # 0.1 cosine of the pitch: below, a turn about one axis takes large turns of roll against yaw
+            if abs(math.cos(angles["pitch"])) < 0.1:
+                small = _unlocked_factors(frame, getattr(robot, frame), angles)
+                robot = replace(robot, base=small) if frame == "base" else replace(robot, tool=small)
+                locked.append(frame)
+        return cls(residuals, _in_robot(residuals, robot) if locked else residuals, tuple(locked))
+
+    def given_deviations(self, x: Array) -> Array:
+        """Deviations (k,) of ``given`` from those of ``fitted``."""
+        x = x.copy()
+        for frame in self.locked:
+            at = self._angle_indices(frame)
+            turned = frame_rotation(getattr(self.fitted.robot, frame), dict(zip(_ANGLE_NAMES, x[at], strict=True)))
+            angles = roll_pitch_yaw(turned)
+            nominal = {f.parameter: f.nominal for f in getattr(self.given.robot, frame)}
+            x[at] = [angles[turn] - nominal[f"{frame}.{turn}"] for turn in _ANGLE_NAMES]
+        return x
+
+    def given_steps(self, x: Array, directions: Array) -> Array:
+        """Steps (k, r) of ``given`` from those of ``fitted``."""
+        return np.asarray(self._rates(x) @ directions) if self.locked else directions
+
+    def given_determined(self, x: Array, fixed: Mask, covariance: Array) -> Mask:
+        """Which of ``given``'s are determined (k,): an angle is, where all the turns are that it is made of."""
+        # 1e-3 of an undetermined turn: a smaller part of it in an angle is no matter
+        loose = np.asarray((np.abs(self._rates(x)) * ~fixed > 1e-3).any(axis=1))
+        for frame in self.locked:
+            yaw, pitch, roll = at = self._angle_indices(frame)
+            angles = roll_pitch_yaw(
+                frame_rotation(getattr(self.fitted.robot, frame), dict(zip(_ANGLE_NAMES, x[at], strict=True)))
+            )
+            tilt = math.sqrt(max(covariance[yaw, yaw], covariance[pitch, pitch], 0.0))
+            # 5.0 standard errors from the lock: from there on roll and yaw have errors as others have
+            if abs(math.cos(angles["pitch"])) < max(_MIN_COSINE, 5.0 * tilt):
+                loose[[yaw, roll]] = True
+        return np.asarray(~loose)
+
+    def given_sizes(self, x: Array, sizes: Array) -> Array:
+        """Sizes of errors (k,) of ``given`` from those of ``fitted``."""
+        return np.asarray(np.sqrt(self._rates(x) ** 2 @ sizes**2))
+
+    def _rates(self, x: Array) -> Array:
+        """The derivative (k, k) of the deviations of ``given`` by those of ``fitted``, at x (k,)."""
+        G = np.eye(len(x))
+        for frame in self.locked:
+            at = self._angle_indices(frame)
+            angles = roll_pitch_yaw(
+                frame_rotation(getattr(self.fitted.robot, frame), dict(zip(_ANGLE_NAMES, x[at], strict=True)))
+            )
+            G[np.ix_(at, at)] = _angle_rates(angles["roll"], angles["pitch"])
+        return G
+
+    def _angle_indices(self, frame: str) -> list[int]:
+        names = [p.name for p in self.given.parameters]
+        return [names.index(f"{frame}.{turn}") for turn in _ANGLE_NAMES]
+
+
+def _unlocked_factors(frame: str, factors: tuple[Factor, ...], angles: dict[str, float]) -> tuple[Factor, ...]:
+    shifts = tuple(f for f in factors if f.kind == "translate")
+    turned = frame_factors(frame, (0.0, 0.0, 0.0), (angles["roll"], angles["pitch"], angles["yaw"]))[3:]
+    small = frame_factors(frame, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))[3:]
+    return (*shifts, *(replace(factor, parameter="") for factor in turned), *small)
+
+
+def _in_robot(residuals: Residuals, robot: Robot) -> Residuals:
+    nominal = {name: factor.nominal for name, factor in robot.parameters.items()}
+    parameters = (replace(p, nominal=nominal.get(p.source, p.nominal)) for p in residuals.parameters)
+    return residuals.of_robot(robot, tuple(parameters))
+
+
+def _angle_rates(roll: float, pitch: float) -> Array:
+    """Rates (3, 3) of (yaw, pitch, roll) per small turn about the frame's (z, y, x); cos(pitch) is kept off zero."""
+    c, s = math.cos(roll), math.sin(roll)
+    cosine = math.copysign(max(abs(math.cos(pitch)), _MIN_COSINE), math.cos(pitch))
+    tangent = math.sin(pitch) / cosine
+    return np.array([[c / cosine, s / cosine, 0.0], [-s, c, 0.0], [c * tangent, s * tangent, 1.0]])

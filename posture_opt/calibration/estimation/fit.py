@@ -1,4 +1,4 @@
-"""``Fit``: parameters of an arm from measurements, with priors or without, robust against gross outliers or not."""
+"""Fit: parameters of an arm from measurements, with priors or without, alone or with effects."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from posture_opt.calibration.estimation.agreeing_rows import agreeing_rows
-from posture_opt.calibration.estimation.clustered_covariance import clustered_covariance
+from posture_opt.calibration.estimation.error_statistics import clustered_covariance, design_effect
 from posture_opt.calibration.estimation.least_squares import (
     Minimum,
     find_outliers,
@@ -18,12 +17,44 @@ from posture_opt.calibration.estimation.least_squares import (
     reduced_jacobian,
     triangular_factor,
 )
-from posture_opt.calibration.estimation.prior import Prior, known_rows
+from posture_opt.calibration.estimation.parameters import Prior, known_rows
 from posture_opt.calibration.estimation.residuals import Residuals
+from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Codes, Mask
 
 if TYPE_CHECKING:
     from posture_opt.model.effects import Effect
+
+
+def agreeing_rows(data: Measurements, errors: Array, gross: Mask) -> Mask:
+    """(N,) which gross rows are off by nearly as much as another target or repeat of the same posture.
+
+    ``0 < |e_i − e_j| ≤ max(|e_i|, |e_j|) / 2`` for a gross row i and another gross row j of the same pose, as most of
+    the targets of that posture, or of its rows where there is one target: a reading that failed does not recur, what
+    the arm does is in all of them. Copies of a row do not confirm it.
+
+    errors (N, k) of the measured coordinates, in one unit; gross (N,) rows that look like outliers.
+    """
+    agree = np.zeros(len(data), dtype=bool)
+    unit = data.target if len(data.target_names) > 1 else np.arange(len(data))
+    poses, count = np.unique(data.pose[gross], return_counts=True)
+    for pose in poses[count > 1]:
+        rows = np.flatnonzero(data.pose == pose)
+        off = rows[gross[rows]]
+        near = [i for i in off if _errs_alike(unit, errors, i, off)]
+        if 2 * len(set(unit[near])) > len(set(unit[rows])):
+            agree[near] = True
+    return agree
+
+
+def _errs_alike(unit: Codes, errors: Array, i: int, others: Codes) -> bool:
+    rest = others[unit[others] != unit[i]]
+    lengths = np.linalg.norm(errors, axis=1)
+    apart = np.linalg.norm(errors[rest] - errors[i], axis=1)
+    # 0.5 share of the larger of two errors by which they may differ: two gross errors of readings, in any direction and
+    # of sizes alike, agree so by chance in one pair of fifteen at the most (the share of a sphere within 30 deg).
+    return bool(np.any((apart > 0) & (apart <= 0.5 * np.maximum(lengths[rest], lengths[i]))))
+
 
 MAX_OUTLIER_ROUNDS = 8  # of leaving out and taking back outliers; on real data two or three settle it
 PRIOR_WEIGHT_TOLERANCE = 0.01  # of the weight of a prior: it settles faster than its own uncertainty matters
@@ -318,3 +349,46 @@ def _with_known(residuals: Residuals, x0: Array, directions: Array, known: Array
         return np.concatenate([r, known @ x]), reduced_jacobian(np.concatenate([J, known]), directions)
 
     return function
+
+
+def fit_with_effects(
+    residuals: Residuals, x0: Array, directions: Array, effects: Sequence[Effect], prior: Prior | None = None,
+    weight: float = 1.0, *, shapes: bool = True,
+) -> Fit:  # fmt: skip
+    """Geometry in some ``directions`` (k, r) about ``x0`` (k,), effects and their smooth shapes, all together."""
+    wide = residuals.with_effects(effects, x0)
+    more = len(wide.parameters) - len(x0)
+    steps = np.zeros((len(wide.parameters), directions.shape[1] + more))
+    steps[: len(x0), : directions.shape[1]] = directions
+    start = np.r_[x0, wide.start_of(effects)]
+    steps[len(x0) :, directions.shape[1] :] = np.diag(_unit_steps(wide, start, len(x0)))
+    if not shapes:
+        held = [i for i, p in enumerate(wide.parameters) if p.name in wide.arm.shape_parameters]
+        steps = steps[:, ~np.any(steps[held], axis=0)]
+    design, near = 1.0, None
+    for _ in range(MAX_OUTLIER_ROUNDS):
+        # 1e-6 of a standard error: lines of one joint that lean on each other would not fit any more
+        found = estimate_parameters(
+            wide, start, steps, prior, robust=False, near=near, weight=weight, design=design, tolerance=1e-6
+        )
+        again = _design_of_fit(found)
+        if prior is None or abs(again - design) <= PRIOR_WEIGHT_TOLERANCE * design:
+            break
+        design, weight, near = again, found.weight, found.minimum.x
+    found = replace(found, design=again, C=found.C / design, effects=wide.fitted_effects(effects, found.x))
+    return with_clustered_errors(found) if again > 1 else found
+
+
+def _unit_steps(wide: Residuals, start: Array, first: int) -> Array:
+    """Steps (e,) of the effects' parameters whose columns have length one: scaled so, no unit dominates."""
+    norms = np.linalg.norm(wide.residuals_and_jacobian(start)[1][:, first:], axis=0)
+    steps = np.where(norms > 0, 1 / np.where(norms > 0, norms, 1.0), 1.0)
+    return np.asarray(np.where((norms > 0) & (norms < ROUNDING_SHARE * norms.max(initial=0.0)), 0.0, steps))
+
+
+def _design_of_fit(fit: Fit) -> float:
+    if not fit.directions.shape[1]:
+        return 1.0
+    A = fit.jacobian @ fit.directions
+    norms = np.linalg.norm(A, axis=0)
+    return design_effect(fit.residuals, fit.whitened, A / np.where(norms > 0, norms, 1.0))

@@ -1,15 +1,15 @@
-"""``FitRequest``: what a calibration or a diagnosis was asked, and what it says of the errors that stay."""
+"""What a calibration or a diagnosis was asked, how far along it is, and what stays uncertain after it."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from posture_opt.calibration.estimation.parameters import Parameter
 from posture_opt.measurements.measurements import Measurements
-from posture_opt.numerics import Array
+from posture_opt.numerics import Array, Progress
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.fitted_arm import NEGLIGIBLE
 from posture_opt.selection.problem_data import ProblemData
@@ -72,3 +72,45 @@ def nearest_semidefinite(covariance: Array) -> Array:
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
     found = (vectors * np.maximum(values, 0.0)) @ vectors.T * np.outer(sigma, sigma)
     return np.asarray((found + found.T) / 2)
+
+
+PROGRESS_TOTAL = 100
+
+
+class Stages:
+    """Shares a bar between stages of known shares; within a stage steps are reported as so many of so many.
+
+    progress: receives (done, 100); None for no report. shares: of each stage, in the order in which they come.
+    """
+
+    def __init__(self, progress: Progress | None, *shares: int) -> None:
+        self._progress, self._shares, self._done = progress, list(shares), 0
+
+    def next(self) -> Progress:
+        """Ends the stage before and begins the next one, whose steps are reported to what is returned."""
+        begin, share = self._done, self._shares.pop(0)
+        self._done += share
+        self._report(begin)
+
+        def report_step(done: int, total: int) -> None:
+            self._report(begin + share * min(done, total) // max(total, 1))
+
+        return report_step
+
+    def rounds(self, progress: Progress) -> Callable[[], None]:
+        """Reports rounds whose number is unknown: each takes a third of what is left of the stage."""
+        left = 1.0
+
+        def next_round() -> None:
+            nonlocal left
+            left *= 2 / 3
+            progress(round(1000 * (1 - left)), 1000)
+
+        return next_round
+
+    def end(self) -> None:
+        self._report(PROGRESS_TOTAL)
+
+    def _report(self, done: int) -> None:
+        if self._progress is not None:
+            self._progress(done, PROGRESS_TOTAL)

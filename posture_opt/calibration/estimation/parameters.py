@@ -1,9 +1,9 @@
-"""Which parameters of an arm a calibration fits: geometry, base, tools, touched points."""
+"""Parameters of an arm that a calibration fits (geometry, base, tools, places), and what is known of them before."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -135,3 +135,53 @@ def prior_covariance(problem: ProblemData, parameters: Sequence[Parameter]) -> t
     found = np.diag([*np.zeros(len(rows)), *(parameters[i].sigma ** 2 for i in own)])
     found[: len(rows), : len(rows)] = known[np.ix_(columns, columns)]
     return [*rows, *own], found
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """Independent knowledge of some deviations: ``W x[rows]`` is a standard normal vector."""
+
+    rows: tuple[int, ...] = ()
+    W: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    # in place of ``W`` where errors of the estimate are counted, of what weighs more than it is known; None where they
+    # are the same
+    errors: Array | None = None
+
+    @classmethod
+    def of(cls, rows: list[int], covariance: Array) -> Prior:
+        """From the covariance of the deviations ``rows``; what has no variance in it, as after a calibration, is held.
+
+        ``W = Λ^(−½) Vᵀ D⁻¹`` with the correlations ``V Λ Vᵀ`` and the standard deviations D.
+
+        rows: indices of the deviations; covariance: (p, p) [rad², m²].
+        """
+        if not rows:
+            return cls()
+        # A variance that is rounding would weigh so much that all else drowned in it.
+        # 1e-10 rad, m: nothing is known better
+        covariance = covariance + np.diag(np.maximum(1e-10**2 - np.diag(covariance), 0.0))
+        sigma = np.sqrt(np.diag(covariance))
+        values, vectors = np.linalg.eigh(covariance / np.outer(sigma, sigma))
+        # 1e-8 of a variance, in correlations: a ten-thousandth of a standard deviation is as good as nothing
+        return cls(tuple(rows), (vectors / np.sqrt(np.maximum(values, 1e-8))).T / sigma)
+
+    def counted_as(self, known: Prior) -> Prior:
+        """The same weight in an estimate, whose errors are counted with what is ``known`` of the same rows."""
+        return replace(self, errors=known.W)
+
+    @property
+    def of_errors(self) -> Prior:
+        """What errors of the estimate are counted with."""
+        return self if self.errors is None else Prior(self.rows, self.errors)
+
+    def matrix(self, k: int) -> Array:
+        """``W`` in the columns of all k unknowns."""
+        wide = np.zeros((len(self.rows), k))
+        wide[:, list(self.rows)] = self.W
+        return wide
+
+
+def known_rows(prior: Prior | None, weight: float, directions: Array) -> Array:
+    """The prior as further rows (p, r) of the Jacobian by the steps ``directions`` (k, r)."""
+    rows = np.zeros((0, directions.shape[1]))
+    return rows if prior is None else np.asarray(weight * prior.matrix(len(directions)) @ directions)

@@ -21,8 +21,7 @@ from posture_opt.numerics import Array
 from posture_opt.selection.fitted_arm import FittedArm
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.uncertainty.sources.sources import Sources
-from posture_opt.validation.calibrated_arm import NOMINAL_KEPT
-from posture_opt.validation.calibrated_second_arm import second_arms
+from posture_opt.validation.calibrated_arm import NOMINAL_KEPT, second_arms
 from posture_opt.validation.residual_scatter import residual_scatter
 
 

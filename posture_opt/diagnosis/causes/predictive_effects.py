@@ -9,10 +9,8 @@ from functools import cached_property
 import numpy as np
 
 from posture_opt.calibration.calibration import Calibration
-from posture_opt.calibration.cross_validation import Folds
+from posture_opt.calibration.cross_validation import Folds, LeftOut, LinearModel, leave_out
 from posture_opt.calibration.estimation.fit import Fit
-from posture_opt.calibration.estimation.linear_model import LinearModel
-from posture_opt.calibration.leave_out import LeftOut, leave_out
 from posture_opt.diagnosis.causes.determined_sizes import undetermined
 from posture_opt.model.effects import Effect
 from posture_opt.numerics import Codes, rms

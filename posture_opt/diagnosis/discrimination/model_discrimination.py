@@ -17,7 +17,7 @@ from posture_opt.diagnosis.scores.candidates import Candidate
 from posture_opt.diagnosis.scores.score_tests import orthonormal_basis
 from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent
 from posture_opt.diagnosis.search.linearised_data import LinearisedData
-from posture_opt.experiments.expected_errors import PriorInformation
+from posture_opt.experiments.information import PriorInformation
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.effects import Effect
 from posture_opt.numerics import Array, Codes

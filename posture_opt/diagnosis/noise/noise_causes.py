@@ -36,8 +36,7 @@ from posture_opt.measurements.repeats import Contrasts, apart, repeat_of_row
 from posture_opt.model.effects import JointNoise, Outliers, Rows, StatedSigma
 from posture_opt.numerics import Array, Codes, Mask, rms
 from posture_opt.selection.problem_data import ProblemData
-from posture_opt.validation.prediction import joint_errors, scatter_of_effects
-from posture_opt.validation.repeat_scatter import prismatic_joints
+from posture_opt.validation.prediction import joint_errors, prismatic_joints, scatter_of_effects
 from posture_opt.validation.scatter_model import whitened_repeats
 
 _NO_SCATTER = 1e-9  # of the stated σ: rows that are met exactly, and repeats that are copies, show no noise

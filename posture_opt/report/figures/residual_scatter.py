@@ -18,8 +18,8 @@ from posture_opt.report.page.new_figure import new_figure
 from posture_opt.report.page.style import Look, legend_below, legend_beside, styled
 from posture_opt.report.text.words import line_words
 from posture_opt.uncertainty.regions.regions import Ellipsoid, coverage_factor, hotelling_factor
-from posture_opt.validation.prediction import ErrorSources
-from posture_opt.validation.repeat_scatter import prismatic_joints, repeat_errors
+from posture_opt.validation.prediction import ErrorSources, prismatic_joints
+from posture_opt.validation.repeat_scatter import repeat_errors
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -31,8 +31,7 @@ from posture_opt.units import number
 if TYPE_CHECKING:
     from posture_opt.report.interactive.arm_view import ArmView
     from posture_opt.selection.problem_data import ProblemData
-    from posture_opt.validation.accuracy_map import AccuracyMap
-    from posture_opt.validation.measured_errors import MeasuredErrors
+    from posture_opt.validation.accuracy_map import AccuracyMap, MeasuredErrors
 
 
 def _range(values: Array) -> str:

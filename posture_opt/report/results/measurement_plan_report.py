@@ -24,7 +24,7 @@ from posture_opt.statements.notation import angle, angle_error, count, joint_uni
 from posture_opt.units import ERROR_UNITS, fixed, number
 
 if TYPE_CHECKING:
-    from posture_opt.experiments.expected_errors import ExpectedErrors
+    from posture_opt.experiments.information import ExpectedErrors
     from posture_opt.experiments.measurement_plan import MeasurementPlan
 
 _MAX_ROWS = 60
