@@ -195,23 +195,19 @@ class Refuted:
         """The contradictions with the sizes that the fit without them found, ``fit`` of all rows."""
         from scipy.special import gammaincc
 
-        p = float(gammaincc(self.freedom / 2, max(self.evidence, 0.0)))
+        p = float(gammaincc(self.freedom / 2, max(self.evidence, 0.0)))  # P(χ²_f > 2 · evidence), Wilks (1938)
         found = []
         if self.coupling is not None:
             ratio = {"ratio": (*fitted_ratio(self.coupling, fit), "1")}
             gain = self.gains[self.coupling.kind]
             found.append(Contradiction(self.coupling, ratio, 0.0, p, self.rms_stated, self.rms, gain))
         for name in self.names:
-            mine = [
-                (i, q)
-                for i, q in enumerate(fit.residuals.parameters)
-                if (q.group == name if name in FRAMES else q.name == name)
-            ]
+            every = enumerate(fit.residuals.parameters)
+            mine = [(i, q) for i, q in every if (q.group if name in FRAMES else q.name) == name]
             if not mine:
                 continue
             moves = [(i, q) for i, q in mine if fit.std[i] > NEGLIGIBLE[q.unit]] or mine
             sizes = {q.name.rpartition(".")[2]: (float(fit.x[i]), float(fit.std[i]), q.unit) for i, q in moves}
-            cause = GeometricDeviation.of(mine[0][1])
-            sigma = 0.0 if name in FRAMES else (self.sigma or {}).get(name, 0.0)
+            cause, sigma = GeometricDeviation.of(mine[0][1]), (self.sigma or {}).get(name, 0.0)
             found.append(Contradiction(cause, sizes, sigma, p, self.rms_stated, self.rms, self.gains[name]))
         return tuple(found)

@@ -33,7 +33,7 @@ from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.orientation_columns import NO_ORIENTATION_NOTE
 from posture_opt.measurements.rotations import roll_pitch_yaw
 from posture_opt.numerics import Array, Mask
-from posture_opt.robot.robot import Factor, Robot, frame_factors
+from posture_opt.robot.robot import Factor, frame_factors
 from posture_opt.selection.problem_data import ProblemData
 
 DEFAULT_SIGMA_M = 0.1e-3  # m, of an instrument that the file says nothing of; only a stated prior depends on it
@@ -79,16 +79,14 @@ def _known_distances(problem: ProblemData, data: Measurements, sigma: float) -> 
     points = data.kind.touched_points(data.point_names)
     if not points:
         return ()
-    own = place_sigmas(problem, data)
-    found, issues = [], []
+    own, found, issues = place_sigmas(problem, data), [], []
     for index, (a, b, length) in enumerate(problem.data.distances):
         missing = [name for name in (a, b) if name not in points]
         if missing:
             hint = f"the points of the data are: {', '.join(points)}"
             issues.append(Issue(f"no row touches '{missing[0]}'", ("data", "distances", index), missing[0], hint))
         else:
-            ends = points[a], points[b]
-            found.append((*ends, float(length), own.get(data.point_names[ends[0]], sigma)))
+            found.append((points[a], points[b], float(length), own.get(data.point_names[points[a]], sigma)))
     if issues:
         raise InputError(issues)
     return tuple(found)
@@ -181,17 +179,13 @@ def places_again(residuals: Residuals, x: Array) -> tuple[Residuals, Array]:
 
 def held_length(residuals: Residuals, priors: bool = True) -> int | None:
     """The length that is held where an arm touches points or planes and no known distance determines its size."""
-    robot = residuals.robot
     kind = residuals.data.kind
     if kind.fixes_size or residuals.distances or (priors and kind.leaves_geometry_open):
         return None
-    every = {
-        i: abs(p.nominal)
-        for i, p in enumerate(residuals.parameters)
-        if p.group == "geometry" and p.unit == "m" and p.nominal
-    }
-    joint_of = {i: residuals.parameters[i].name.rpartition(".")[0] for i in every}
-    inner = [i for i in every if joint_of[i] in robot.joint_names[1:-1]]
+    rows = enumerate(residuals.parameters)
+    every = {i: abs(p.nominal) for i, p in rows if p.group == "geometry" and p.unit == "m" and p.nominal}
+    moving = residuals.robot.joint_names[1:-1]
+    inner = [i for i in every if residuals.parameters[i].name.rpartition(".")[0] in moving]
     return max(inner or every, key=lambda i: every[i], default=None)
 
 
@@ -216,17 +210,14 @@ def far_frames(residuals: Residuals, x: Array) -> dict[str, float]:
     """
     robot, data = residuals.robot, residuals.data
     value = {p.name: p.nominal + v for p, v in zip(residuals.parameters, x, strict=True)}
-    found = {}
-    tools = {p.name.rpartition(".")[0] for p in residuals.parameters if offset_of_tool(p)}
-    for tool in tools:
+    found: dict[str, float] = {}
+    for tool in {p.name.rpartition(".")[0] for p in residuals.parameters if offset_of_tool(p)}:
         length = float(np.linalg.norm([value.get(f"{tool}.{axis}", 0.0) for axis in "xyz"]))
-        if length > _MAX_TOOL_REACHES * reach(robot):
-            found[tool] = length
+        found |= {tool: length} if length > _MAX_TOOL_REACHES * reach(robot) else {}
     if data.position is not None and robot.base_free:
         base = np.array([value[f"base.{axis}"] for axis in "xyz"])
         away = float(np.linalg.norm((data.position.mean(axis=0) - base)[residuals.axes]))
-        if away > _MAX_BASE_REACHES * reach(robot):
-            found["base"] = away
+        found |= {"base": away} if away > _MAX_BASE_REACHES * reach(robot) else {}
     return found
 
 
@@ -250,24 +241,25 @@ class Chart:
         free = {"base": robot.base_free, "tool": tool_unknown(robot, residuals.data)}
         locked = []
         for frame in ("base", "tool"):
-            factors = {f.parameter: f for f in getattr(robot, frame)}
-            if not free[frame] or any(f"{frame}.{turn}" not in value for turn in _ANGLE_NAMES):
+            nominal = {f.parameter: f.nominal for f in getattr(robot, frame)}
+            names = {turn: f"{frame}.{turn}" for turn in _ANGLE_NAMES}
+            if not free[frame] or not set(names.values()) <= set(value):
                 continue
-            angles = {turn: factors[f"{frame}.{turn}"].nominal + value[f"{frame}.{turn}"] for turn in _ANGLE_NAMES}
+            angles = {turn: nominal[name] + value[name] for turn, name in names.items()}
             # 0.1 cosine of the pitch: below, a turn about one axis takes large turns of roll against yaw
             if abs(math.cos(angles["pitch"])) < 0.1:
                 small = _unlocked_factors(frame, getattr(robot, frame), angles)
                 robot = replace(robot, base=small) if frame == "base" else replace(robot, tool=small)
                 locked.append(frame)
-        return cls(residuals, _in_robot(residuals, robot) if locked else residuals, tuple(locked))
+        nominal = {name: factor.nominal for name, factor in robot.parameters.items()}
+        parameters = tuple(replace(p, nominal=nominal.get(p.source, p.nominal)) for p in residuals.parameters)
+        return cls(residuals, residuals.of_robot(robot, parameters) if locked else residuals, tuple(locked))
 
     def given_deviations(self, x: Array) -> Array:
         """Deviations (k,) of ``given`` from those of ``fitted``."""
         x = x.copy()
         for frame in self.locked:
-            at = self._angle_indices(frame)
-            turned = frame_rotation(getattr(self.fitted.robot, frame), dict(zip(_ANGLE_NAMES, x[at], strict=True)))
-            angles = roll_pitch_yaw(turned)
+            at, angles = self._angles(frame, x)
             nominal = {f.parameter: f.nominal for f in getattr(self.given.robot, frame)}
             x[at] = [angles[turn] - nominal[f"{frame}.{turn}"] for turn in _ANGLE_NAMES]
         return x
@@ -281,12 +273,10 @@ class Chart:
         # 1e-3 of an undetermined turn: a smaller part of it in an angle is no matter
         loose = np.asarray((np.abs(self._rates(x)) * ~fixed > 1e-3).any(axis=1))
         for frame in self.locked:
-            yaw, pitch, roll = at = self._angle_indices(frame)
-            angles = roll_pitch_yaw(
-                frame_rotation(getattr(self.fitted.robot, frame), dict(zip(_ANGLE_NAMES, x[at], strict=True)))
-            )
+            at, angles = self._angles(frame, x)
+            yaw, pitch, roll = at
             tilt = math.sqrt(max(covariance[yaw, yaw], covariance[pitch, pitch], 0.0))
-            # 5.0 standard errors from the lock: from there on roll and yaw have errors as others have
+            # 5 standard errors from the lock: from there on roll and yaw have errors as others have
             if abs(math.cos(angles["pitch"])) < max(_MIN_COSINE, 5.0 * tilt):
                 loose[[yaw, roll]] = True
         return np.asarray(~loose)
@@ -299,16 +289,16 @@ class Chart:
         """The derivative (k, k) of the deviations of ``given`` by those of ``fitted``, at x (k,)."""
         G = np.eye(len(x))
         for frame in self.locked:
-            at = self._angle_indices(frame)
-            angles = roll_pitch_yaw(
-                frame_rotation(getattr(self.fitted.robot, frame), dict(zip(_ANGLE_NAMES, x[at], strict=True)))
-            )
+            at, angles = self._angles(frame, x)
             G[np.ix_(at, at)] = _angle_rates(angles["roll"], angles["pitch"])
         return G
 
-    def _angle_indices(self, frame: str) -> list[int]:
+    def _angles(self, frame: str, x: Array) -> tuple[list[int], dict[str, float]]:
+        """Indices of yaw, pitch and roll of a frame among the parameters, and its angles as reported [rad]."""
         names = [p.name for p in self.given.parameters]
-        return [names.index(f"{frame}.{turn}") for turn in _ANGLE_NAMES]
+        at = [names.index(f"{frame}.{turn}") for turn in _ANGLE_NAMES]
+        turns = dict(zip(_ANGLE_NAMES, x[at], strict=True))
+        return at, roll_pitch_yaw(frame_rotation(getattr(self.fitted.robot, frame), turns))
 
 
 def _unlocked_factors(frame: str, factors: tuple[Factor, ...], angles: dict[str, float]) -> tuple[Factor, ...]:
@@ -316,12 +306,6 @@ def _unlocked_factors(frame: str, factors: tuple[Factor, ...], angles: dict[str,
     turned = frame_factors(frame, (0.0, 0.0, 0.0), (angles["roll"], angles["pitch"], angles["yaw"]))[3:]
     small = frame_factors(frame, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))[3:]
     return (*shifts, *(replace(factor, parameter="") for factor in turned), *small)
-
-
-def _in_robot(residuals: Residuals, robot: Robot) -> Residuals:
-    nominal = {name: factor.nominal for name, factor in robot.parameters.items()}
-    parameters = (replace(p, nominal=nominal.get(p.source, p.nominal)) for p in residuals.parameters)
-    return residuals.of_robot(robot, tuple(parameters))
 
 
 def _angle_rates(roll: float, pitch: float) -> Array:

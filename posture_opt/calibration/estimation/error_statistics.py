@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from posture_opt.calibration.estimation.least_squares import reduced_jacobian, triangular_factor
+from posture_opt.calibration.estimation.least_squares import column_lengths, reduced_jacobian, triangular_factor
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.errors import InputError, Issue
 from posture_opt.limits import MOST_FOLDS
@@ -16,9 +16,6 @@ from posture_opt.numerics import Array, Codes, Json, linked, rms
 
 By = Literal["pose", "block", "place", "stretch"]
 
-_MAX_BOOTSTRAP_GROUPS = (
-    10_000  # that a bootstrap draws from: the spread of a mean of more is known as well from sums of them
-)
 _SAME_POSE_TOLERANCE = 1e-3  # rad or m: postures nearer than that have the same errors, whatever their pose is called
 
 
@@ -35,57 +32,42 @@ class Statistics:
     @classmethod
     def of(cls, errors: Array, groups: Codes, draws: int = 500) -> Statistics:
         """Of errors (N, d) [m] whose rows are correlated within ``groups`` (N,)."""
-        lengths = np.linalg.norm(errors, axis=1)
-        interval = _bootstrap_interval(lengths**2, groups, draws)
-        largest, p95 = float(lengths.max()), float(np.quantile(lengths, 0.95))
-        return cls(rms(lengths), float(lengths.mean()), largest, p95, interval)
+        lengths, group = np.linalg.norm(errors, axis=1), resampled_groups(groups)
+        # The percentile interval of resampled groups (Efron 1979), seeded.
+        total, count = np.bincount(group, lengths**2), np.bincount(group)
+        chosen = np.random.default_rng(0).integers(len(total), size=(draws, len(total)))
+        means = total[chosen].sum(axis=1) / count[chosen].sum(axis=1)
+        low, high = np.sqrt(np.quantile(means, [0.025, 0.975])).tolist()
+        p95 = float(np.quantile(lengths, 0.95))
+        return cls(rms(lengths), float(lengths.mean()), float(lengths.max()), p95, (low, high))
 
     def to_json(self) -> dict[str, Json]:
-        return {
-            "rms": self.rms, "mean": self.mean, "max": self.max, "p95": self.p95, "rms_interval95": list(self.interval)
-        }  # fmt: skip
-
-
-def _bootstrap_interval(squares: Array, groups: Codes, draws: int) -> tuple[float, float]:
-    """The 95 % percentile interval of the RMS [m] over resampled groups (Efron 1979), seeded.
-
-    squares (N,) squared lengths [m²]; groups: (N,) codes.
-    """
-    group = resampled_groups(groups)
-    total, count = np.bincount(group, squares), np.bincount(group)
-    chosen = np.random.default_rng(0).integers(len(total), size=(draws, len(total)))
-    means = total[chosen].sum(axis=1) / count[chosen].sum(axis=1)
-    low, high = np.sqrt(np.quantile(means, [0.025, 0.975]))
-    return float(low), float(high)
+        own = {name: value for name, value in vars(self).items() if name != "interval"}
+        return {**own, "rms_interval95": list(self.interval)}
 
 
 def resampled_groups(groups: Codes) -> Codes:
     """Codes (N,) from 0 on of groups (N,) that a bootstrap draws from; of very many, neighbours are one."""
     names, code = np.unique(groups, return_inverse=True)
-    code = code.ravel()
-    return np.asarray(
-        code if len(names) <= _MAX_BOOTSTRAP_GROUPS else code * _MAX_BOOTSTRAP_GROUPS // len(names), dtype=np.intp
-    )
+    # 10 000 groups: the spread of a mean of more is known as well from sums of them
+    few = code.ravel() if len(names) <= 10_000 else code.ravel() * 10_000 // len(names)
+    return np.asarray(few, dtype=np.intp)
 
 
 def groups_of(data: Measurements, by: By, folds: int) -> Codes:
-    """The group (N,) of each row: its pose, its place among touched points, its block of the workspace, or its stretch
-    of a path.
-    """
+    """Group (N,) of each row: its pose, place, block of the workspace, or stretch of a path."""
     if by == "place" and not data.touches:
         raise InputError(Issue("no point is touched whose place could be left out", hint="leave out by pose or block"))
     if by == "block" and data.position is None:
         raise InputError(Issue("no positions are measured to be cut into blocks", hint="leave out by place or pose"))
     if by == "place":
         places = [name.rpartition("/")[0] or name for name in data.point_names]
-        codes = np.unique(places, return_inverse=True)[1]
-        return np.asarray(codes[data.point], dtype=np.intp)
+        return np.asarray(np.unique(places, return_inverse=True)[1][data.point], dtype=np.intp)
     if by == "stretch":
         stretches = np.empty(len(data), dtype=np.intp)
         stretches[data.order] = np.arange(len(data)) * 2 * folds // len(data)
         return stretches
-    if by == "block":
-        assert data.position is not None  # refused above
+    if by == "block" and data.position is not None:
         return median_blocks(data.position, 4 * folds)
     return equal_poses(data.q, data.pose)
 
@@ -139,6 +121,7 @@ def neighbour_blocks(residuals: Residuals) -> Codes:
     scaled = q / np.where(spans > 0, spans, 1.0)
     if data.lever is None:
         return median_blocks(scaled, POSTURE_BLOCKS)
+    # Rows of one picture have the scatter of the arm in common: pictures are not cut.
     _, first, picture = np.unique(data.pose, return_index=True, return_inverse=True)
     return median_blocks(scaled[first], POSTURE_BLOCKS)[picture.ravel()]
 
@@ -163,11 +146,12 @@ def design_effect(residuals: Residuals, rest: Array, J: Array) -> float:
 
 
 def _lost_freedom(residuals: Residuals, fitted: int) -> float:
+    """By how much errors of pictures exceed what a fit of some parameters leaves; 1 of other rows."""
     data = residuals.data
     if data.lever is None:
         return 1.0
+    # Pictures have the pose of the tool in common: six numbers each, of which the fit took one a parameter.
     numbers = np.bincount(np.unique(data.pose, return_inverse=True)[1].ravel()) * residuals.block
-    # 6 of a rigid body
     independent = float(np.minimum(numbers, 6).sum())
     return independent / max(independent - fitted, 1.0)
 
@@ -184,15 +168,13 @@ def clustered_covariance(
     r (m,) residuals; A: (m, p) their Jacobian, R: (p, p) its triangular factor, prior included; known (n, p) rows of a
     prior, whose residuals are as large as their ``weight``.
     """
-    scale = np.linalg.norm(R, axis=0)
-    scale = np.where(scale > 0, scale, 1.0)
+    scale = column_lengths(R)
     P = np.asarray(np.linalg.pinv(R / scale, rcond=1e-14) / scale[:, None], dtype=float)
     sums = _block_sums(reduced_jacobian(A, P) * r[:, None], residuals)
     G = len(np.unique(neighbour_blocks(residuals)))
     M = sums.T @ sums * G / (G - 1) if G > 1 else np.zeros((len(P),) * 2)
-    M = M * _lost_freedom(residuals, np.linalg.matrix_rank(A))
     KP = known @ P
-    M = M + weight**2 * KP.T @ KP
+    M = M * _lost_freedom(residuals, np.linalg.matrix_rank(A)) + weight**2 * KP.T @ KP
     values, vectors = np.linalg.eigh(M)
     M = (vectors * np.maximum(values, variance)) @ vectors.T
     return np.asarray(P @ M @ P.T)

@@ -11,7 +11,9 @@ import numpy as np
 
 from posture_opt.calibration.estimation.error_statistics import clustered_covariance, design_effect
 from posture_opt.calibration.estimation.least_squares import (
+    Function,
     Minimum,
+    column_lengths,
     find_outliers,
     least_squares,
     reduced_jacobian,
@@ -156,9 +158,8 @@ class Fit:
         bare[self.sizes] = 0.0
         J = self.residuals.residuals_and_jacobian(bare)[1][: self.residuals.measured]
         G = J @ self.directions[:, self.geometry]
-        norms = np.linalg.norm(G, axis=0)
         # With pivots: numpy's SVD may not converge where directions are all rounding, and prints so.
-        Q, R, _ = qr(G / np.where(norms > 0, norms, 1.0), mode="economic", pivoting=True)
+        Q, R, _ = qr(G / column_lengths(G), mode="economic", pivoting=True)
         length = np.abs(np.diag(R))
         # 1e-7 of the longest: columns of the geometry that say nothing new
         return np.asarray(Q[:, : len(length)][:, length > 1e-7 * length.max(initial=0.0)])
@@ -212,9 +213,7 @@ class Fit:
     def notes(self) -> tuple[str, ...]:
         """Sentences on what did not converge."""
         stopped = f"the fit had not converged after {self.minimum.steps} steps: estimates and errors are provisional"
-        changing = (
-            f"which rows are outliers still changed after {MAX_OUTLIER_ROUNDS} rounds: look at those that are listed"
-        )
+        changing = f"the outliers still changed after {MAX_OUTLIER_ROUNDS} rounds: look at the listed rows"
         listed = not self.settled and not self.kept.all()  # where none is left out, there is nothing to look at
         return (stopped,) * (not self.minimum.converged) + (changing,) * listed
 
@@ -235,17 +234,14 @@ def estimate_parameters(
     studentised, settled = np.zeros(n), False
     for _ in range(MAX_OUTLIER_ROUNDS):
         used, fitted_with = residuals.take(np.flatnonzero(kept)) if not kept.all() else residuals, weight
-        found = least_squares(
-            _prior_function(used, x0, directions, prior, weight), z, tolerance=tolerance, max_steps=100
-        )
-        z = found.x
-        x = x0 + directions @ z
-        variance = found.variance
+        held = np.zeros((0, len(x0))) if prior is None else weight * prior.matrix(len(x0))
+        found = least_squares(_with_known(used, x0, directions, held), z, tolerance=tolerance, max_steps=100)
+        z, x, variance = found.x, x0 + directions @ found.x, found.variance
         if not robust and prior is None:
             settled = True
             break
         r, J = residuals.residuals_and_jacobian(x)
-        rows = n * residuals.block
+        rows = residuals.measured
         known = known_rows(prior, weight, directions)
         gross, studentised = find_outliers(r[:rows], reduced_jacobian(J[:rows], directions), residuals.block, known)
         gross &= ~agreeing_rows(residuals.data, position_parts(r[:rows], residuals), gross)
@@ -260,10 +256,8 @@ def estimate_parameters(
     factor = _factor_of_errors(found.R, prior, fitted_with, directions)
     inverse = np.linalg.pinv(factor, rcond=1e-14)
     C = np.asarray(design * variance * inverse @ inverse.T)
-    return Fit(
-        residuals, x, directions, C, kept, studentised, variance, found, prior, weight, design, settled,
-        factor=factor,
-    )  # fmt: skip
+    judged = (kept, studentised, variance, found, prior, weight, design, settled)
+    return Fit(residuals, x, directions, C, *judged, factor=factor)
 
 
 def position_parts(r: Array, residuals: Residuals) -> Array:
@@ -299,10 +293,8 @@ def _variances(J: Array, directions: Array) -> Array:
     """(k,) variances of unknowns left by rows with Jacobian J (m, k) along ``directions``, for a noise of one."""
     from scipy.linalg import svd
 
-    A = J @ directions
-    norms = np.linalg.norm(A, axis=0)
-    scale = np.where(norms > 0, norms, 1.0)
-    _, s, Vt = svd(triangular_factor(A / scale), lapack_driver="gesvd")  # numpy's may not converge, and prints so
+    scale = column_lengths(J @ directions)
+    _, s, Vt = svd(triangular_factor(J @ directions / scale), lapack_driver="gesvd")  # numpy's may not converge
     steps = (directions / scale) @ Vt.T
     seen = s > ROUNDING_SHARE * s.max(initial=0.0)
     found = np.sum((steps[:, seen] / s[seen]) ** 2, axis=1)
@@ -325,8 +317,8 @@ def _factor_of_errors(R: Array, prior: Prior | None, weight: float, directions: 
 def variance_of(found: Minimum, known: Array) -> float:
     """Residual variance of the measurements: what a wrong prior costs is no noise of theirs."""
     measured = found.residuals[: len(found.residuals) - len(known)]
-    by_prior = _prior_share(found.R, known)
-    return float(measured @ measured) / max(len(measured) - len(found.x) + by_prior, 1.0)
+    freedom = len(measured) - len(found.x) + _prior_share(found.R, known)
+    return float(measured @ measured) / max(freedom, 1.0)
 
 
 def _prior_share(R: Array, known: Array) -> float:
@@ -334,13 +326,7 @@ def _prior_share(R: Array, known: Array) -> float:
     return float(np.sum((known @ np.linalg.pinv(R, rcond=1e-14)) ** 2))
 
 
-def _prior_function(residuals: Residuals, x0: Array, directions: Array, prior: Prior | None, weight: float):  # type: ignore[no-untyped-def]
-    """Residuals and Jacobian by z (r,), with the rows of a prior."""
-    known = weight * prior.matrix(len(x0)) if prior is not None else np.zeros((0, len(x0)))
-    return _with_known(residuals, x0, directions, known)
-
-
-def _with_known(residuals: Residuals, x0: Array, directions: Array, known: Array):  # type: ignore[no-untyped-def]
+def _with_known(residuals: Residuals, x0: Array, directions: Array, known: Array) -> Function:
     """Residuals (m + p,) and Jacobian (m + p, r) as a function of z (r,), rows ``known`` (p, k) last."""
 
     def function(z: Array) -> tuple[Array, Array]:
@@ -371,7 +357,8 @@ def fit_with_effects(
         found = estimate_parameters(
             wide, start, steps, prior, robust=False, near=near, weight=weight, design=design, tolerance=1e-6
         )
-        again = _design_of_fit(found)
+        A = found.jacobian @ found.directions
+        again = design_effect(found.residuals, found.whitened, A / column_lengths(A)) if A.shape[1] else 1.0
         if prior is None or abs(again - design) <= PRIOR_WEIGHT_TOLERANCE * design:
             break
         design, weight, near = again, found.weight, found.minimum.x
@@ -384,11 +371,3 @@ def _unit_steps(wide: Residuals, start: Array, first: int) -> Array:
     norms = np.linalg.norm(wide.residuals_and_jacobian(start)[1][:, first:], axis=0)
     steps = np.where(norms > 0, 1 / np.where(norms > 0, norms, 1.0), 1.0)
     return np.asarray(np.where((norms > 0) & (norms < ROUNDING_SHARE * norms.max(initial=0.0)), 0.0, steps))
-
-
-def _design_of_fit(fit: Fit) -> float:
-    if not fit.directions.shape[1]:
-        return 1.0
-    A = fit.jacobian @ fit.directions
-    norms = np.linalg.norm(A, axis=0)
-    return design_effect(fit.residuals, fit.whitened, A / np.where(norms > 0, norms, 1.0))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import count
 
 import numpy as np
 
@@ -48,17 +49,12 @@ def persistent_sources(robot: Robot, stated: Sources, names: Sequence[str], cova
     """
     parameters = robot.parameters
     least = np.array([NEGLIGIBLE["rad" if parameters[name].kind == "rotate" else "m"] for name in names])
-    kept = [i for i in range(len(names)) if covariance[i, i] > least[i] ** 2]
+    kept = np.flatnonzero(np.diag(covariance) > least**2).tolist()
     found = Sources(tuple(names[i] for i in kept), nearest_semidefinite(covariance[np.ix_(kept, kept)]))
+    # The value of a joint with an origin of six moves the tool as its origin does, which was fitted.
     moved = {name.rpartition(".")[0] for name in names if name.endswith(".roll")}
-    others = [
-        i
-        for i, name in enumerate(stated.names)
-        if name not in names
-        and stated.constant[i, i] > 0
-        # The value of a joint with an origin of six moves the tool as its origin does, which was fitted.
-        and not (name.rpartition(".")[0] in moved and name.rpartition(".")[2] in ("theta", "d"))
-    ]
+    fitted = {*names, *(f"{joint}.{value}" for joint in moved for value in ("theta", "d"))}
+    others = [i for i, name in enumerate(stated.names) if name not in fitted and stated.constant[i, i] > 0]
     return found.plus(Sources(tuple(stated.names[i] for i in others), stated.constant[np.ix_(others, others)]))
 
 
@@ -99,14 +95,8 @@ class Stages:
 
     def rounds(self, progress: Progress) -> Callable[[], None]:
         """Reports rounds whose number is unknown: each takes a third of what is left of the stage."""
-        left = 1.0
-
-        def next_round() -> None:
-            nonlocal left
-            left *= 2 / 3
-            progress(round(1000 * (1 - left)), 1000)
-
-        return next_round
+        done = count(1)
+        return lambda: progress(round(1000 * (1 - (2 / 3) ** next(done))), 1000)
 
     def end(self) -> None:
         self._report(PROGRESS_TOTAL)

@@ -117,12 +117,17 @@ class _Evidence:
         used = fit.residuals.take(np.flatnonzero(fit.kept))
         r, J = used.residuals_and_jacobian(fit.x)
         D, noise = fit.directions, np.sqrt(fit.design * fit.variance)
-        A, others = reduced_jacobian(J, D) / noise, _information_of_others(fit, assumed.typical)
+        assert fit.prior is not None, "a fit with tolerances has a prior"
+        W, widths = fit.prior.matrix(len(fit.x)), assumed.typical
+        others = W.T @ W - np.diag(np.where(np.isfinite(widths), 1 / widths**2, 0.0))  # known beside the widths
+        A = reduced_jacobian(J, D) / noise
         M, g, B = A.T @ A + D.T @ others @ D, A.T @ r / noise + D.T @ others @ fit.x, D[own]
         weight = np.diag(M) + np.sum((B / assumed.typical[own, None]) ** 2, axis=0)
         unit = 1 / np.sqrt(np.where(weight > 0, weight, 1.0))
         M, B = unit[:, None] * M * unit, B * unit
-        Q = _seen_by(M + B.T @ (B / assumed.typical[own, None] ** 2))
+        # Steps that no information reaches move nothing, and have no evidence.
+        information, steps = np.linalg.eigh(M + B.T @ (B / assumed.typical[own, None] ** 2))
+        Q = steps[:, information > len(M) * np.finfo(float).eps * information[-1]]
         return cls(Q.T @ M @ Q, Q.T @ (unit * g), B @ Q, fit.x[own])
 
     def logarithm(self, variance: Array) -> Array:
@@ -132,12 +137,6 @@ class _Evidence:
         z = np.linalg.solve(P, slope[..., None])[..., 0]
         least = np.sum(self.x**2 / variance, axis=1) - np.sum(slope * z, axis=1)
         return np.asarray(-0.5 * (np.linalg.slogdet(P)[1] + least))
-
-
-def _seen_by(P: Array) -> Array:
-    """(r, s) unit steps that some information P (r, r) reaches: others move nothing, and have no evidence."""
-    information, steps = np.linalg.eigh(P)
-    return np.asarray(steps[:, information > len(P) * np.finfo(float).eps * information[-1]])
 
 
 def _width(seen: _Evidence, tolerance: Tolerance, mine: Mask, variance: Array) -> tuple[float, float]:
@@ -152,15 +151,6 @@ def _width(seen: _Evidence, tolerance: Tolerance, mine: Mask, variance: Array) -
     return tolerance.median * float(np.exp(weight @ t)), float(np.sqrt(weight @ square))
 
 
-def _information_of_others(fit: Fit, typical: Array) -> Array:
-    """(k, k) information of what is known beside the parts' ``typical`` widths (k,)."""
-    assert fit.prior is not None
-    W = fit.prior.matrix(len(fit.x))
-    return np.asarray(W.T @ W - np.diag(np.where(np.isfinite(typical), 1 / typical**2, 0.0)))
-
-
-FREE_TOLERANCE = 1.0  # m or rad: what is unknown of a free frame or a touched point
-DESIGN_NOTE = "neighbouring postures err alike: for standard errors, {:.2g} rows count as one"
 NOMINAL_NOTE = (
     f"the data determine {{}} less well than to {LENGTH_TOLERANCE_M * 1e3:g} mm or "
     f"{ANGLE_TOLERANCE_RAD * 1e3:.3g} mrad: geometry is taken to lie within that of its nominal value (one σ)"
@@ -189,6 +179,14 @@ class FitSetup:
         return self.widths.uncertain
 
 
+def _block_diagonal(covariance: Array, variances: Array) -> Array:
+    """A covariance (p, p) with further independent variances (q,) behind it."""
+    p = len(covariance)
+    wide = np.diag(np.r_[np.zeros(p), variances])
+    wide[:p, :p] = covariance
+    return wide
+
+
 def determine_directions(
     problem: ProblemData, residuals: Residuals, x: Array, held: int | None, priors: bool,
     found: Fit | None = None, widths: Widths | None = None, noise: float = np.inf,
@@ -198,51 +196,41 @@ def determine_directions(
     x (k,) deviations [rad, m]; held: the parameter that is held as the size of the arm, or None.
     """
     parameters, rows = residuals.parameters, len(residuals.data)
-    names = [p.name for p in parameters]
+    names, k = [p.name for p in parameters], len(parameters)
     J = residuals.residuals_and_jacobian(x)[1]
     spread, design = _noise_and_design(residuals, x, found)
     spread = min(spread * float(np.sqrt(design)), noise)
+    notes = (f"neighbouring postures err alike: for standard errors, {design:.2g} rows count as one",) * (design > 1)
     indices, covariance = prior_covariance(problem, parameters) if priors else ([], np.zeros((0, 0)))
-    scale = prior_tolerances(parameters, indices)
-    nothing = np.full(len(names), np.nan)
-    made = Widths(nothing, nothing)
-    if priors:
-        made = widths or assumed_widths(residuals, indices)
-        weighing = _with_assumed(indices, covariance, scale, made.typical)[1]
-        indices, covariance, scale = _with_assumed(indices, covariance, scale, made.uncertain)
+    scale, nothing = prior_tolerances(parameters, indices), np.full(k, np.nan)
+    made = (widths or assumed_widths(residuals, indices)) if priors else Widths(nothing, nothing)
+    weighing = _block_diagonal(covariance, made.typical[made.own] ** 2)
+    covariance = _block_diagonal(covariance, made.uncertain[made.own] ** 2)
+    indices, own = [*indices, *made.own.tolist()], np.isfinite(made.uncertain)
+    scale = np.where(own, made.uncertain, scale)
     alone = identify_parameters(names, J, rows, held, scale=scale, noise=spread)
-    stated = np.full(len(names), np.nan)
+    stated = nothing.copy()
     stated[indices] = np.sqrt(np.diag(covariance))
     if not priors:
         rest = scale[:, None] * alone.null
-        return FitSetup(
-            alone, alone.directions, alone.determined, None, stated, spread, design, rest, _design_notes(design), made
-        )
-    known = Prior.of(indices, covariance).matrix(len(names))
-    both = (
-        identify_parameters(names, np.concatenate([J / spread, known]), rows, held, scale=scale) if indices else alone
-    )
-    own = np.isfinite(made.uncertain)
-    fixed = both.determined | (np.isfinite(stated) & (np.arange(len(names)) != (-1 if held is None else held)))
+        return FitSetup(alone, alone.directions, alone.determined, None, stated, spread, design, rest, notes, made)
+    both = alone
+    if indices:
+        known = Prior.of(indices, covariance).matrix(k)
+        both = identify_parameters(names, np.concatenate([J / spread, known]), rows, held, scale=scale)
+    fixed = both.determined | (np.isfinite(stated) & (np.arange(k) != (-1 if held is None else held)))
     # 0.5 of a tolerance by manufacturing: what data leave less of, they determine; of the variance, a quarter.
     fixed = np.where(own, both.alone < 0.5 * scale, fixed)
     prior = full_prior(parameters, problem.robot, scale, indices, covariance)
     if own.any():
         prior = full_prior(parameters, problem.robot, scale, indices, weighing).counted_as(prior)
-    vague = both.hardly.shape[1] and not own.any()
-    notes = (*_design_notes(design), *([NOMINAL_NOTE.format(_vague_names(both))] if vague else []))
+    elif both.hardly.shape[1]:
+        parts = np.abs(both.hardly / both.scale[:, None]).max(axis=1)
+        most = [names[i] for i in np.argsort(-parts, kind="stable") if parts[i] > 0.3 * parts.max()][:4]
+        notes = (*notes, NOMINAL_NOTE.format(enumerated(most)))
     directions = np.concatenate([both.directions, both.hardly], axis=1)
     rest = scale[:, None] * both.vectors[:, directions.shape[1] :]
     return FitSetup(alone, directions, fixed, prior, stated, spread, design, rest, notes, made)
-
-
-def _with_assumed(stated: list[int], covariance: Array, scale: Array, assumed: Array) -> tuple[list[int], Array, Array]:
-    """Indices with a known σ, their covariance, and all tolerances, with the parameters that are ``assumed`` (k,)."""
-    more = np.flatnonzero(np.isfinite(assumed)).tolist()
-    wide = np.zeros((len(stated) + len(more),) * 2)
-    wide[: len(stated), : len(stated)] = covariance
-    wide[len(stated) :, len(stated) :] = np.diag(assumed[more] ** 2)
-    return [*stated, *more], wide, np.where(np.isfinite(assumed), assumed, scale)
 
 
 def unseen_errors_of_fit(residuals: Residuals, known: FitSetup, found: Fit, length: int | None) -> Array:
@@ -264,27 +252,18 @@ def _noise_and_design(residuals: Residuals, x: Array, found: Fit | None) -> tupl
     if found is not None:
         residuals, x = residuals.take(np.flatnonzero(found.kept)), found.x
     r, J = residuals.residuals_and_jacobian(x)
-    measured = len(residuals.data) * residuals.block
-    r, J = r[:measured], J[:measured]
-    if measured <= J.shape[1]:
+    r, J = r[: residuals.measured], J[: residuals.measured]
+    if len(r) <= J.shape[1]:
         return 1.0, 1.0
     rest = unexplained_residuals(r, J)
     return max(robust_noise(r, J, residuals.block), 1.0), design_effect(residuals, rest, J)
 
 
-def _design_notes(design: float) -> tuple[str, ...]:
-    return (DESIGN_NOTE.format(design),) if design > 1 else ()
-
-
 def prior_tolerances(parameters: Sequence[Parameter], stated: list[int]) -> Array:
     """How far each unknown may be off beforehand [rad or m]: geometry, and frames of which a σ is stated, not far."""
     part = {"m": LENGTH_TOLERANCE_M, "rad": ANGLE_TOLERANCE_RAD}
-    return np.array(
-        [
-            part.get(p.unit, FREE_TOLERANCE) if p.made or i in stated else FREE_TOLERANCE
-            for i, p in enumerate(parameters)
-        ]
-    )
+    # 1 m or rad is unknown of a free frame or a touched point
+    return np.array([part.get(p.unit, 1.0) if p.made or i in stated else 1.0 for i, p in enumerate(parameters)])
 
 
 def full_prior(
@@ -296,13 +275,4 @@ def full_prior(
     """
     sigma = np.where([offset_of_tool(p) for p in parameters], tool_sigma(robot), scale)
     rest = [i for i, p in enumerate(parameters) if (p.made or offset_of_tool(p)) and i not in stated]
-    both = np.zeros((len(stated) + len(rest),) * 2)
-    both[: len(stated), : len(stated)] = covariance
-    both[len(stated) :, len(stated) :] = np.diag(sigma[rest] ** 2)
-    return Prior.of([*stated, *rest], both)
-
-
-def _vague_names(known: Identifiability) -> str:
-    parts = np.abs(known.hardly / known.scale[:, None]).max(axis=1)
-    most = [int(i) for i in np.argsort(-parts, kind="stable") if parts[i] > 0.3 * parts.max()][:4]
-    return enumerated(known.names[i] for i in most)
+    return Prior.of([*stated, *rest], _block_diagonal(covariance, sigma[rest] ** 2))

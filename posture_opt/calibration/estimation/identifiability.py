@@ -12,13 +12,8 @@ from posture_opt.calibration.estimation.least_squares import triangular_factor
 from posture_opt.numerics import Array, Mask
 
 MAX_STANDARD_ERROR = 0.05  # rad or m: left so uncertain, a parameter leaves the range of its linearisation
-LENGTH_TOLERANCE_M, ANGLE_TOLERANCE_RAD = (
-    0.01,
-    math.radians(1.0),
-)  # m, rad: farther than that no part is from its nominal value
-_FELT_STRENGTH = (
-    1e-3  # of σ per tolerance: below, a direction moves nothing; a thousand tolerances are no knowledge either
-)
+LENGTH_TOLERANCE_M, ANGLE_TOLERANCE_RAD = 0.01, math.radians(1.0)
+"""[m], [rad] no part is farther than that from its nominal value."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,11 +35,6 @@ class Identifiability:
     unseen: Array
 
     @property
-    def basis(self) -> Array:
-        """(k, rank) orthonormal directions of the scaled unknowns that the data determine."""
-        return self.vectors[:, : self.rank]
-
-    @property
     def null(self) -> Array:
         """(k, k − rank) orthonormal directions of the scaled unknowns that they do not."""
         return self.vectors[:, self.rank :]
@@ -57,12 +47,12 @@ class Identifiability:
     @property
     def directions(self) -> Array:
         """(k, rank) steps of the unknowns [rad or m] per unit of the determined coordinates."""
-        return self.scale[:, None] * self.basis
+        return self.scale[:, None] * self.vectors[:, : self.rank]
 
     @property
     def hardly(self) -> Array:
         """(k, w) further steps that the data feel, but determine less well than the tolerances do."""
-        felt = int(np.sum(self.strength > _FELT_STRENGTH))
+        felt = int(np.sum(self.strength > 1e-3))
         return self.scale[:, None] * self.vectors[:, self.rank : felt]
 
 
@@ -96,37 +86,29 @@ def identify_parameters(
     _, s, Vt = np.linalg.svd(R * scale / noise)
     # 1e-13 of the largest strength
     rank = int(np.sum(s > max(1.0, 1e-13 * s.max(initial=0.0))))
-    felt = s > _FELT_STRENGTH
+    # 1e-3 of σ per tolerance: below, a direction moves nothing
+    felt = s > 1e-3
     alone = scale * np.linalg.norm(Vt[felt].T / s[felt], axis=1)
     unseen = scale * np.linalg.norm(Vt[~felt].T, axis=1)
     # 1e-3 m or rad: more than that, left open by combinations that nothing shows, is not known
     alone = np.where(unseen > 1e-3, np.inf, np.hypot(alone, unseen))
     unit = np.where(norms > 0, norms, 1.0)
     values = np.asarray(np.linalg.svd(R / unit, compute_uv=False), dtype=float)
-    determined = R / unit @ _orthonormal_columns((scale * unit)[:, None] * Vt[:rank].T)
-    kept = np.asarray(np.linalg.svd(determined, compute_uv=False)[:rank], dtype=float)
-    words = explain_undetermined(names, (scale * unit)[:, None] * Vt[rank:].T, idle, R / noise / unit)
+    columns = (scale * unit)[:, None] * Vt.T
+    basis = np.linalg.qr(columns[:, :rank])[0] if rank else columns[:, :0]
+    kept = np.asarray(np.linalg.svd(R / unit @ basis, compute_uv=False)[:rank], dtype=float)
+    words = explain_undetermined(names, columns[:, rank:], idle, R / noise / unit)
     condition = float(kept[0] / kept[-1]) if rank else float("inf")
     indices = observability_indices(kept, rows)
     return Identifiability(tuple(names), scale, s, Vt.T, values, rank, alone, condition, indices, words, unseen)
-
-
-def _orthonormal_columns(columns: Array) -> Array:
-    """An orthonormal basis of columns (k, r) of full rank."""
-    return np.asarray(np.linalg.qr(columns)[0]) if columns.shape[1] else columns
 
 
 def observability_indices(s: Array, rows: int) -> dict[str, float]:
     """O1 … O5 of the singular values ``s`` (r,), descending; :func:`identify_parameters` says what they are."""
     if not len(s):
         return dict.fromkeys(("O1", "O2", "O3", "O4", "O5"), 0.0)
-    values = {
-        "O1": np.exp(np.log(s).mean()) / np.sqrt(rows),
-        "O2": s[-1] / s[0],
-        "O3": s[-1],
-        "O4": s[-1] ** 2 / s[0],
-        "O5": 1.0 / np.sum(1.0 / s**2),
-    }
+    O1, O5 = np.exp(np.log(s).mean()) / np.sqrt(rows), 1.0 / np.sum(1.0 / s**2)
+    values = {"O1": O1, "O2": s[-1] / s[0], "O3": s[-1], "O4": s[-1] ** 2 / s[0], "O5": O5}
     return {name: float(value) for name, value in values.items()}
 
 

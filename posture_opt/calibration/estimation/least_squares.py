@@ -11,8 +11,6 @@ from posture_opt.numerics import Array, Mask
 
 Function = Callable[[Array], tuple[Array, Array]]
 
-MAX_ITERATIONS = 500
-_RELATIVE_STEP_TOLERANCE = 1e-14  # relative step at which floating point has nothing left to improve
 
 OUTLIER_MARGIN = 1.5
 """Of the largest of as many Gaussian residuals, by which a row is an outlier: real ones have longer tails."""
@@ -43,18 +41,14 @@ class Minimum:
 
     def _inverse(self) -> tuple[Array, Array]:
         """``R⁺`` and the part (k,) of each unknown outside it."""
-        D = np.linalg.norm(self.R, axis=0)
-        D = np.where(D > 0, D, 1.0)
+        D = column_lengths(self.R)
         U, s, Vt = np.linalg.svd(self.R / D)
         seen = s > 1e-14 * s.max(initial=0.0)
         inverse = (Vt[seen].T / s[seen]) @ U[:, seen].T / D[:, None]
         return np.asarray(inverse), np.asarray(np.sum(Vt[~seen] ** 2, axis=0))
 
 
-# 1e-10 relative offset at which the residuals are orthogonal to the tangent plane (Bates, Watts 1981)
-def least_squares(
-    function: Function, x0: Array, *, max_steps: int = MAX_ITERATIONS, tolerance: float = 1e-10
-) -> Minimum:
+def least_squares(function: Function, x0: Array, *, max_steps: int = 500, tolerance: float = 1e-10) -> Minimum:
     """Levenberg-Marquardt on the QR factors of the Jacobian, never on ``JᵀJ``.
 
     Each step solves ``min |J s + r|² + λ |D s|²`` with ``D`` the largest column norms so far (Moré 1978) and the
@@ -65,21 +59,19 @@ def least_squares(
     """
     x = np.array(x0, dtype=float)
     r, J = function(x)
-    D = np.zeros(len(x))
-    damping = 1e-3
+    D, damping = np.zeros(len(x)), 1e-3
     for step in range(max_steps):
         R = triangular_factor(np.concatenate([J, r[:, None]], axis=1))
         R, projected = R[: len(x), :-1], R[: len(x), -1]
         D = np.maximum(D, np.linalg.norm(J, axis=0))
         D = np.where(D > 0, D, 1.0)
-        if _at_rest(projected, r, tolerance):
-            return _minimum_at(x, r, R, step, True)
-        lower = _descent_step(function, x, r, R, projected, D, damping, step == 0)
+        lower = None
+        if not _at_rest(projected, r, tolerance):
+            lower = _descent_step(function, x, r, R, projected, D, damping, step == 0)
         if lower is None:
             return _minimum_at(x, r, R, step, True)
         move, r_new, J_new, damping = lower
-        expected = _expected_gain(R, projected, move)
-        gained = float(r @ r - r_new @ r_new)
+        expected, gained = _expected_gain(R, projected, move), float(r @ r - r_new @ r_new)
         ratio = 1.0 if gained >= expected else gained / expected
         damping = max(damping * max(1 / 3, 1 - float(2 * ratio - 1) ** 3), 1e-15)
         x, r, J = x + move, r_new, J_new
@@ -91,12 +83,16 @@ def _descent_step(
 ) -> tuple[Array, Array, Array, float] | None:
     reach, growth = np.inf, 2.0
     while True:
-        move = _damped_step(R, projected, D, damping)
+        # min |R s + Qᵀr|² + λ |D s|², in units of D
+        stacked = np.concatenate([R, np.diag(np.sqrt(damping) * D)]) / D
+        target = np.concatenate([-projected, np.zeros(len(D))])
+        move = np.asarray(np.linalg.lstsq(stacked, target, rcond=None)[0] / D)
         length = np.linalg.norm(D * move)
         if length > reach:
             damping *= 2
             continue
-        if length <= _RELATIVE_STEP_TOLERANCE * (np.linalg.norm(D * x) + _RELATIVE_STEP_TOLERANCE):
+        # 1e-14: relative step at which floating point has nothing left to improve
+        if length <= 1e-14 * (np.linalg.norm(D * x) + 1e-14):
             return None
         with np.errstate(all="ignore"):
             r_new, J_new = function(x + move)
@@ -111,12 +107,18 @@ def _descent_step(
             reach = float(np.linalg.norm(D * x))
 
 
+def column_lengths(A: Array) -> Array:
+    """(k,) norms of columns (m, k); 1 for zero columns, so that one can divide by them."""
+    norms = np.linalg.norm(A, axis=0)
+    return np.where(norms > 0, norms, 1.0)
+
+
 def triangular_factor(A: Array) -> Array:
     """The (k, k) factor ``R`` of ``A = Q R`` (m, k), block by block of rows (Demmel et al. 2012)."""
     m, k = A.shape
     if k == 0:  # nothing is free
         return np.zeros((0, 0))
-    size = 4 * k
+    size = 4 * k  # blocks that fit the cache are faster than one long matrix, and too small for threads to fight over
     while len(A) > 2 * size:
         whole = len(A) // size * size
         factors = np.asarray(np.linalg.qr(A[:whole].reshape(-1, size, k), mode="r"))
@@ -152,16 +154,8 @@ def _at_rest(projected: Array, r: Array, tolerance: float) -> bool:
     return inside / k <= tolerance**2 * outside / (m - k)
 
 
-def _damped_step(R: Array, projected: Array, D: Array, damping: float) -> Array:
-    """The step (k,) that minimises ``|R s + Qᵀr|² + λ |D s|²``, λ the damping."""
-    stacked = np.concatenate([R, np.diag(np.sqrt(damping) * D)])
-    target = np.concatenate([-projected, np.zeros(len(D))])
-    return np.asarray(np.linalg.lstsq(stacked / np.tile(D, (len(stacked), 1)), target, rcond=None)[0] / D)
-
-
 def _minimum_at(x: Array, r: Array, R: Array, steps: int, converged: bool) -> Minimum:
-    freedom = max(len(r) - len(x), 1)
-    return Minimum(x, r, R, float(r @ r) / freedom, steps, converged)
+    return Minimum(x, r, R, float(r @ r) / max(len(r) - len(x), 1), steps, converged)
 
 
 def find_outliers(

@@ -18,9 +18,6 @@ from posture_opt.units import DIMENSIONS
 if TYPE_CHECKING:
     from posture_opt.model.effects import Effect
 
-_AXES = ("x", "y", "z")
-_ANGLES = ("roll", "pitch", "yaw")
-
 
 @dataclass(frozen=True)
 class Parameter:
@@ -58,20 +55,20 @@ def candidate_parameters(robot: Robot, data: Measurements) -> tuple[Parameter, .
     parallel axes (Hayati, Mirmirani 1985); a joint with an origin of six has no offset of its own. Orientations show a
     tool's rotation too.
     """
-    at = {factor.parameter: i for i, factor in enumerate(robot.factors) if factor.parameter}
-    found = []
-    for name, index in at.items():
+    found, tools = [], data.target_names if len(data.target_names) > 1 else ()
+    for index, factor in enumerate(robot.factors):
+        name, unit = factor.parameter, "rad" if factor.kind == "rotate" else "m"
         prefix, _, last = name.rpartition(".")
         group = prefix if prefix in ("base", "tool") else "geometry"
-        if group == "geometry" and not is_fitted(robot, name):
+        if not name or (group == "geometry" and not is_fitted(robot, name)):
             continue
         if data.kind.fixed_to_base and (group == "base" or index <= robot.driven[0]):
             continue
-        if group == "tool":
-            if data.kind.oriented or last in _AXES:
-                found += _tool_parameters(robot, data, name, index)
+        if group == "tool" and not (data.kind.oriented or last in ("x", "y", "z")):
             continue
-        found.append(_of_factor(robot, name, group, index))
+        codes = {f"tool[{target}].{last}": code for code, target in enumerate(tools)} if group == "tool" else {}
+        for own, code in (codes or {name: -1}).items():
+            found.append(Parameter(own, group, unit, factor.nominal, name, code))
     return (*found, *place_parameters(data))
 
 
@@ -85,36 +82,15 @@ def effect_parameters(effect: Effect) -> list[Parameter]:
     return found
 
 
-def _of_factor(robot: Robot, name: str, group: str, index: int, code: int = -1) -> Parameter:
-    factor = robot.factors[index]
-    return Parameter(name, group, "rad" if factor.kind == "rotate" else "m", factor.nominal, factor.parameter, code)
-
-
-def _tool_parameters(robot: Robot, data: Measurements, name: str, index: int) -> list[Parameter]:
-    if len(data.target_names) < 2:
-        return [_of_factor(robot, name, "tool", index)]
-    last = name.rpartition(".")[2]
-    names = [f"tool[{target}].{last}" for target in data.target_names]
-    return [_of_factor(robot, name, "tool", index, code) for code, name in enumerate(names)]
-
-
 def place_parameters(data: Measurements) -> tuple[Parameter, ...]:
     """The unknowns of all places: touched points, planes, anchors; none where positions were measured."""
-    kind = data.kind
-    return tuple(
-        Parameter(
-            kind.parameter(place, name),
-            kind.group(place, name),
-            unit,
-            kind.nominal(place, name),
-            "",
-            k,
-            i,
-            kind.prior_sigma(place, name),
-        )
-        for k, place in enumerate(data.place_names)
-        for i, (name, unit) in zip(kind.slots(place), kind.unknowns(place), strict=True)
-    )
+    kind, found = data.kind, []
+    for k, place in enumerate(data.place_names):
+        for i, (name, unit) in zip(kind.slots(place), kind.unknowns(place), strict=True):
+            parameter, group = kind.parameter(place, name), kind.group(place, name)
+            sigma = kind.prior_sigma(place, name)
+            found.append(Parameter(parameter, group, unit, kind.nominal(place, name), "", k, i, sigma))
+    return tuple(found)
 
 
 def prior_covariance(problem: ProblemData, parameters: Sequence[Parameter]) -> tuple[list[int], Array]:
@@ -122,14 +98,10 @@ def prior_covariance(problem: ProblemData, parameters: Sequence[Parameter]) -> t
 
     Returns Indices among ``parameters``, and the covariance (p, p) of those.
     """
-    known = problem.sources.constant
+    known, names = problem.sources.constant, problem.sources.names
     free = {"base": problem.robot.base_free, "tool": problem.robot.tool_free}
-    place = {name: i for i, name in enumerate(problem.sources.names)}
-    rows = [
-        i
-        for i, p in enumerate(parameters)
-        if p.name in place and known[place[p.name], place[p.name]] > 0 and not free.get(p.group, False)
-    ]
+    place = {name: i for i, name in enumerate(names) if known[i, i] > 0}
+    rows = [i for i, p in enumerate(parameters) if p.name in place and not free.get(p.group, False)]
     columns = [place[parameters[i].name] for i in rows]
     own = [i for i, p in enumerate(parameters) if p.sigma]
     found = np.diag([*np.zeros(len(rows)), *(parameters[i].sigma ** 2 for i in own)])
