@@ -30,7 +30,6 @@ CORRELATION_SHOWN = 0.9
 """Correlation from which on one of two estimates leans on the other."""
 _MAX_LISTED = 3
 _WRONG_DISTANCE, _MAX_DISTANCES = 4.0, 3  # σ's from which on a stated distance is doubted, and how many are listed
-_MIN_TURN_RAD = math.radians(0.01)  # less is no turn that anyone would correct
 ELSEWHERE = 20  # times the errors at home: no arm drifts that far
 
 
@@ -40,13 +39,17 @@ def doubts(found: Calibration) -> list[Statement]:
     if found.disagreement is not None:
         left, motion = found.disagreement.left, found.disagreement.motion
         said.append(state("calibration.data-disagree", left=Quantity(left), motion=Quantity(motion)))
-    said += _preset(found)
+    if (other := found.other_preset) is not None:
+        far = sorted(other.lengths, key=lambda name: -abs(other.lengths[name][1] - other.lengths[name][0]))
+        lengths = _some([f"{name} {number(1e3 * other.lengths[name][1], 4)} mm" for name in far])
+        errors = {"with_them": Quantity(other.rms), "stated": Quantity(other.stated)}
+        said.append(state("calibration.other-preset", other.name, title=other.title, lengths=lengths, **errors))
     said += [_contradiction(one) for one in found.contradictions]
     said += _distances(found)
-    for frame, far in found.far_frames.items():
+    for frame, away in found.far_frames.items():
         origin = "the measured points" if frame == "base" else "the flange"
-        said.append(state("calibration.frame-far", frame, far=Quantity(far), origin=origin))
-    if found.implausible and found.other_preset is None:  # which says what they are
+        said.append(state("calibration.frame-far", frame, far=Quantity(away), origin=origin))
+    if found.implausible and other is None:  # which says what they are
         texts = [f"{name} {plus_minus(x, s, *ERROR_UNITS[unit])}" for name, (x, s, unit) in found.implausible.items()]
         said.append(state("calibration.implausible-deviation", next(iter(found.implausible)), deviations=_some(texts)))
     return said
@@ -55,16 +58,6 @@ def doubts(found: Calibration) -> list[Statement]:
 def _some(texts: Sequence[str]) -> tuple[str, ...]:
     more = len(texts) - _MAX_LISTED
     return (*texts[:_MAX_LISTED], *([f"{more} more"] if more > 0 else []))
-
-
-def _preset(found: Calibration) -> list[Statement]:
-    other = found.other_preset
-    if other is None:
-        return []
-    far = sorted(other.lengths, key=lambda name: -abs(other.lengths[name][1] - other.lengths[name][0]))
-    lengths = _some([f"{name} {number(1e3 * other.lengths[name][1], 4)} mm" for name in far])
-    errors = {"with_them": Quantity(other.rms), "stated": Quantity(other.stated)}
-    return [state("calibration.other-preset", other.name, title=other.title, lengths=lengths, **errors)]
 
 
 def _contradiction(one: Contradiction) -> Statement:
@@ -77,13 +70,11 @@ def _contradiction(one: Contradiction) -> Statement:
         ((name, (value, std, unit)),) = one.estimate.items()
         sigma, off = Quantity(one.sigma, DIMENSIONS[unit]), Quantity(value, DIMENSIONS[unit], std)
         return state("calibration.sigma-contradicted", f"{one.cause.target}.{name}", sigma=sigma, off=off, **gain)
-    return state("calibration.frame-contradicted", one.cause.target, off=_off(one), **gain)
-
-
-def _off(one: Contradiction) -> tuple[str, ...]:
     (shift, std), (turn, error) = (_norm(one, unit) for unit in ("m", "rad"))
-    texts = [str(Quantity(shift, "length", std))] if shift else []
-    return (*texts, str(Quantity(turn, "angle", error))) if turn > max(_MIN_TURN_RAD, 3 * error) else tuple(texts)
+    apart = [str(Quantity(shift, "length", std))] if shift else []
+    # Less than 0.01° is no turn that anyone would correct.
+    apart += [str(Quantity(turn, "angle", error))] if turn > max(math.radians(0.01), 3 * error) else []
+    return state("calibration.frame-contradicted", one.cause.target, off=tuple(apart), **gain)
 
 
 def _norm(one: Contradiction, unit: str) -> tuple[float, float]:
@@ -123,10 +114,8 @@ def instrument(found: Calibration, nominal: bool) -> list[Statement]:
     sure = Quantity(min(probability, 0.999), "share")
     if not nominal:
         return [*said, state("calibration.probably-better", probability=sure)]
-    return [
-        *said,
-        state("calibration.nominal-kept-unsure", probability=sure, asked=Quantity(LEAST_PROBABILITY, "share")),
-    ]
+    asked = Quantity(LEAST_PROBABILITY, "share")
+    return [*said, state("calibration.nominal-kept-unsure", probability=sure, asked=asked)]
 
 
 def rows_in_time(data: Measurements, start: StartUp | None, change: ScatterChange | None = None) -> list[Statement]:
@@ -158,8 +147,7 @@ def left_out(found: Calibration, lines: Sequence[int]) -> list[Statement]:
     if not lines:
         return []
     run, listed = found.outliers_at_ends, listed_lines(lines)
-    # 4 outliers that follow each other, which instruments do not make
-    if run < 4:
+    if run < 4:  # outliers that follow each other, which instruments do not make
         return [state("calibration.outliers", lines=listed)]
     return [state("calibration.outliers-at-end", lines=listed, run=run)]
 
@@ -169,15 +157,10 @@ def thinned(large: LargeFile | None) -> list[Statement]:
     if large is None:
         return []
     models = {name: Quantity(large.models[name].rms) for name in ("nominal", "calibrated")}
-    rows = len(large.thinning.data)
-    share = large.uncertainty / max(large.left, 1e-300)
-    # 0.1 of what a fit leaves: its standard errors then hardly count
-    which = "thinning-suffices" if share < 0.1 else "thinning-limits"
+    used, rows, share = len(large.thinning.rows), len(large.thinning.data), large.uncertainty / max(large.left, 1e-300)
+    which = "thinning-suffices" if share < 0.1 else "thinning-limits"  # standard errors then hardly count
     moves = {"moves": Quantity(large.uncertainty), "share": Quantity(share, "share")}
-    return [
-        state("calibration.thinned", used=len(large.thinning.rows), rows=rows, **models),
-        state(f"calibration.{which}", **moves),
-    ]
+    return [state("calibration.thinned", used=used, rows=rows, **models), state(f"calibration.{which}", **moves)]
 
 
 def statements_of(found: Calibration) -> tuple[Statement, ...]:
@@ -222,7 +205,9 @@ def _parameters(found: Calibration) -> list[Statement]:
     limits = {"m": LENGTH_TOLERANCE_M, "rad": ANGLE_TOLERANCE_RAD}
     far = [i for i in geometry if found.fixed[i] and abs(found.x[i]) > limits[found.parameters[i].unit]]
     if far:
-        texts = [f"{found.parameters[i].name} {_error(found, i)}" for i in far]
+        units = [DIMENSIONS[p.unit] for p in found.parameters]
+        off = {i: Quantity(float(found.x[i]), units[i], float(found.std[i])) for i in far}
+        texts = [f"{found.parameters[i].name} {off[i]}" for i in far]
         length, angle = Quantity(LENGTH_TOLERANCE_M, "stated length"), Quantity(ANGLE_TOLERANCE_RAD, "angle")
         said.append(state("calibration.beyond-tolerance", deviations=texts, length=length, angle=angle))
     pairs = np.abs(np.triu(found.correlation, 1))[np.ix_(found.fixed, found.fixed)] > CORRELATION_SHOWN
@@ -234,7 +219,3 @@ def _parameters(found: Calibration) -> list[Statement]:
     known = found.identifiability.determined
     helped = [p.name for p, k, d in zip(found.parameters, found.fixed, known, strict=True) if k and not d]
     return [*said, *([state("calibration.by-prior", names=helped)] if helped else [])]
-
-
-def _error(found: Calibration, i: int) -> Quantity:
-    return Quantity(float(found.x[i]), DIMENSIONS[found.parameters[i].unit], float(found.std[i]))

@@ -9,6 +9,7 @@ import numpy as np
 
 from posture_opt.calibration.assumptions.frames import fit_frames
 from posture_opt.calibration.estimation.fit import Fit, estimate_parameters
+from posture_opt.calibration.estimation.least_squares import column_lengths
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.errors import InsufficientDataError, Issue
 from posture_opt.numerics import Array, Codes, Mask, factored_columns, rms_length, thin_svd
@@ -31,10 +32,8 @@ class LinearModel:
     def of(cls, fit: Fit) -> LinearModel:
         """The linear model of a fit at its estimate: geometry in the fitted steps, then the sizes of all effects."""
         r, J = fit.residuals_and_jacobian
-        geometry = fit.directions[:, fit.geometry]
-        own = fit.sizes
-        norms = np.linalg.norm(J[:, own], axis=0)
-        scale = np.where(norms > 0, norms, 1.0)
+        geometry, own = fit.directions[:, fit.geometry], fit.sizes
+        scale = column_lengths(J[:, own])
         effects = np.zeros((len(fit.x), len(own)))
         effects[own, range(len(own))] = 1 / scale
         basis = np.concatenate([geometry, effects], axis=1)
@@ -67,8 +66,7 @@ class LinearModel:
 
     def left_without(self, effect: int) -> Array:
         """(m,) residuals when an effect is taken out and the rest fitted again."""
-        r, _ = self.without(effect)
-        return np.asarray(r + self.U @ (self.K @ self._step_without(effect)))
+        return np.asarray(self.without(effect)[0] + self.U @ (self.K @ self._step_without(effect)))
 
     def _step_without(self, effect: int) -> Array:
         """(c,) the step of the rest when an effect is taken out; zero for the effect itself."""
@@ -92,10 +90,6 @@ def _in_own_space(A: Array) -> tuple[Array, Array]:
 
 
 Folds = Sequence[Codes]
-
-_INFORMATION_TOLERANCE = (
-    1e-13  # of the information of all rows: what the rows that stay have less of they do not have at all
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,15 +136,17 @@ def refitted_errors(
             message = "leaving out what belongs together leaves no row to learn from, gross errors apart"
             raise InsufficientDataError(Issue(message, hint="measure more postures", file=data.file))
         training = residuals.take(np.flatnonzero(learn))
-        x = fit_frames(training, found.x)
-        again = None
+        x, again = fit_frames(training, found.x), None
         if not frames:
             again = estimate_parameters(
                 training, x, found.directions, found.prior, robust=False, near=found.minimum.x,
                 weight=float(np.sqrt(found.design * found.variance)), design=found.design,
             )  # fmt: skip
             x, not_converged = again.x, not_converged + (not again.at_rest)
-        errors[left_out] = _held_out_errors(residuals, x, left_out)
+        if residuals.data.touches:
+            errors[left_out] = residuals.data.held_out_touches(residuals.error(x))[left_out]
+        else:
+            errors[left_out] = position_errors(residuals.take(left_out), x)
         taught = position_errors(training, x)[:, residuals.axes]
         inside[left_out] = _inside_regions(residuals, left_out, errors[left_out], taught, x, again)
         report_step()
@@ -220,7 +216,8 @@ def refit_of_fold(linear: LinearModel, r: Array, kept: Codes, left_out: Codes) -
     """
     F, K = linear.U[left_out], linear.K[:, kept]
     values, V = np.linalg.eigh(np.eye(F.shape[1]) - F.T @ F)
-    V, root = V[:, values > _INFORMATION_TOLERANCE], np.sqrt(values[values > _INFORMATION_TOLERANCE])
+    # 1e-13 of the information of all rows: what the rows that stay have less of, they do not have at all
+    V, root = V[:, values > 1e-13], np.sqrt(values[values > 1e-13])
     slope = V.T @ (linear.U.T @ r - F.T @ r[left_out])
     spread = np.linalg.pinv(root[:, None] * (V.T @ K), rcond=1e-10)
     return np.asarray(spread @ (-slope / root)), np.asarray(spread)
@@ -241,13 +238,6 @@ def positions_of(residuals: Residuals, r: Array, rows: Codes) -> Array:
     judged = judged_rows(residuals, rows)
     e = residuals.metres(r.reshape(-1, residuals.block)[:, : len(residuals.axes)], judged)
     return residuals.data.held_out_touches(e)[rows] if residuals.data.touches else e
-
-
-def _held_out_errors(residuals: Residuals, x: Array, rows: Codes) -> Array:
-    """Position errors (rows, 3) [m] of rows that a fit has not seen; of touched points as `positions_of` has them."""
-    if not residuals.data.touches:
-        return position_errors(residuals.take(rows), x)
-    return residuals.data.held_out_touches(residuals.error(x))[rows]
 
 
 def _inside_regions(

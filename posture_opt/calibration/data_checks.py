@@ -19,27 +19,17 @@ from posture_opt.numerics import Array, Codes, Mask, rms_length
 from posture_opt.robot.robot import Robot
 
 _MAX_NOMINAL_ERROR = 0.1  # of the reach: no nominal model is that wrong
-_MAX_UNEXPLAINED_MOTION = 0.05  # of the measured motion, left by a calibrated arm: no data of this arm
-_DISAGREEING_MOTION = (
-    0.01  # of the same: far more than arms err that are calibrated (the worst of ours, driven by cables, 0.5 %)
-)
 _STATIONARY_POINT_WORDS = "holds its tool point where no joint moves it"
 _STATIONARY_POINT_HINT = "state tool and base, add a known length, or measure where more joints move"
 _PLAN_HINT = "'optimize-posture plan-measurements' proposes postures"
 
 
 def still_joints(robot: Robot, data: Measurements) -> tuple[str, ...]:
-    """``JOINT at VALUE`` of each joint that stood still in all rows.
-
-    A joint does not move where its values span less than 1e-3 [rad or m].
-    """
-    # 1e-3 rad or m: a joint that moves less says nothing of what lies before it
+    """``JOINT at VALUE`` of each joint that moves by less than 1e-3 [rad or m] over all rows."""
+    still = [(joint, q[0]) for joint, q in zip(robot.joints, data.q.T, strict=True) if np.ptp(q) < 1e-3]
     return tuple(
-        f"{joint.name} at {math.degrees(q[0]):.4g} deg"
-        if joint.unit == "rad"
-        else f"{joint.name} at {q[0] * 1e3:.4g} mm"
-        for joint, q in zip(robot.joints, data.q.T, strict=True)
-        if np.ptp(q) < 1e-3
+        f"{joint.name} at {f'{math.degrees(v):.4g} deg' if joint.unit == 'rad' else f'{v * 1e3:.4g} mm'}"
+        for joint, v in still
     )
 
 
@@ -99,17 +89,11 @@ def check_kept(residuals: Residuals, groups: Codes, kept: Mask) -> None:
 
 def check_places(residuals: Residuals, x: Array) -> None:
     """Refuses a solution that has cameras, anchors or touched points outside of the workspace by far."""
-    issues = [
-        Issue(
-            f"{name} is found {away:.3g} m from the base, which is no solution",
-            ("data",),
-            hint="check its rows, its names and, of a camera, the intrinsics; measure more poses in its view",
-            file=residuals.data.file,
-        )
-        for name, away in sorted(far_places(residuals, x).items())
-    ]
-    if issues:
-        raise InputError(issues)
+    hint = "check its rows, its names and, of a camera, the intrinsics; measure more poses in its view"
+    far, file = sorted(far_places(residuals, x).items()), residuals.data.file
+    message = "{} is found {:.3g} m from the base, which is no solution"
+    if far:
+        raise InputError([Issue(message.format(*one), ("data",), hint=hint, file=file) for one in far])
 
 
 def check_geometry(residuals: Residuals, known: FitSetup, x: Array) -> None:
@@ -152,12 +136,9 @@ class Disagreement:
     def of(cls, residuals: Residuals, errors: Array) -> Disagreement | None:
         """Of the position errors (N, 3) that the calibrated arm leaves; None where they are those of an arm."""
         found = cls(rms_length(errors), _rms_motion(residuals))
-        long = reach(residuals.robot)
-        return (
-            found
-            if found.left > max(_DISAGREEING_MOTION * found.motion, _DISAGREEING_MOTION * _MAX_NOMINAL_ERROR * long)
-            else None
-        )
+        # 1 % of the motion: far more than calibrated arms err (the worst of ours, driven by cables, 0.5 %)
+        least = 0.01 * max(found.motion, _MAX_NOMINAL_ERROR * reach(residuals.robot))
+        return found if found.left > least else None
 
 
 def _rms_motion(residuals: Residuals) -> float:
@@ -209,9 +190,8 @@ def check_sense(residuals: Residuals, x: Array, errors: Array, held: int | None 
         message = "these rows are met exactly, to the last digit: they hold no reading that the arm could miss"
         hint = "touch each point, plane or length from several postures"
         raise InsufficientDataError(Issue(message, hint=hint, file=file))
-    if left < _MAX_UNEXPLAINED_MOTION * motion or left < _MAX_UNEXPLAINED_MOTION * _MAX_NOMINAL_ERROR * reach(
-        residuals.robot
-    ):
+    # 0.05 of the measured motion, left by a calibrated arm: no data of this arm
+    if left < 0.05 * max(motion, _MAX_NOMINAL_ERROR * reach(residuals.robot)):
         return
     message = (
         f"even calibrated, the arm misses the measured points by {left * 1e3:.4g} mm (RMS), where they move by "

@@ -43,15 +43,16 @@ def doubts_about(data: Measurements) -> tuple[Doubt, ...]:
     copies = len(data) - len(_first_rows(data))
     if copies:
         found.append(Doubt("copies", {"rows": copies, "of": len(data)}))
-    # 60.0 °C of cells in which arms are measured, at the most: data sheets allow 45 to 55 °C.
+    # 60 °C of cells in which arms are measured, at the most: data sheets allow 45 to 55 °C.
     if data.temperature is not None and float(data.temperature.max()) > 60.0:
-        low, high = float(data.temperature.min()), float(data.temperature.max())
-        found.append(
-            Doubt("fahrenheit", {"low": low, "high": high, "low_if_f": _celsius(low), "high_if_f": _celsius(high)})
-        )
-    against, moves = _contradicted_sides(data)
-    if moves >= _MIN_SIDES and against > _CONTRADICTING_SHARE * moves:
-        found.append(Doubt("approach", {"against": against, "moves": moves}))
+        degrees = {"low": float(data.temperature.min()), "high": float(data.temperature.max())}
+        found.append(Doubt("fahrenheit", {**degrees, **{f"{k}_if_f": (v - 32) / 1.8 for k, v in degrees.items()}}))
+    if data.approach_given:
+        step, side = np.diff(data.q[data.order], axis=0), data.approach[data.order][1:]
+        moved = (np.abs(step) > SAME_POSTURE_RAD) & (side != 0)
+        against, moves = int(np.sum(np.sign(step[moved]) != np.sign(side[moved]))), int(moved.sum())
+        if moves >= _MIN_SIDES and against > _CONTRADICTING_SHARE * moves:
+            found.append(Doubt("approach", {"against": against, "moves": moves}))
     return tuple(found)
 
 
@@ -69,18 +70,6 @@ def _first_rows(data: Measurements) -> Codes:
     sides = [data.approach] if data.approach_given else []
     columns: list[Array] = [np.reshape(v, (len(data), -1)) for v in (data.q, data.position, *logged, *sides, *codes)]
     return np.sort(np.unique(np.concatenate(columns, axis=1), axis=0, return_index=True)[1])
-
-
-def _contradicted_sides(data: Measurements) -> tuple[int, int]:
-    if not data.approach_given:
-        return 0, 0
-    step, side = np.diff(data.q[data.order], axis=0), data.approach[data.order][1:]
-    moved = (np.abs(step) > SAME_POSTURE_RAD) & (side != 0)
-    return int(np.sum(np.sign(step[moved]) != np.sign(side[moved]))), int(moved.sum())
-
-
-def _celsius(fahrenheit: float) -> float:
-    return (fahrenheit - 32) / 1.8
 
 
 _SAME_ANGLE_RAD, _SAME_LENGTH_M = 1e-3, 1e-4
@@ -113,20 +102,24 @@ def other_preset(residuals: Residuals, x_nominal: Array) -> OtherPreset | None:
 
     x_nominal (k,) deviations [rad, m] with only the free frames fitted.
     """
-    stated = rms_length(position_errors(residuals, x_nominal))
-    # 2e-3 RMS error [m] of the arm of the file from which other lengths are tried: uncalibrated arms of the right type
-    # are off by 0.5 to 1.1 mm in the real sets, an arm of the next generation by 9 mm and more.
+    stated, names = rms_length(position_errors(residuals, x_nominal)), [p.name for p in residuals.parameters]
+    # 2e-3 m RMS from which other lengths are tried: uncalibrated arms of the right type are off by 0.5 to 1.1 mm in
+    # the real sets, an arm of the next generation by 9 mm and more.
     if stated < 2e-3:
         return None
     found = []
     for name in preset_names():
         preset = load_preset(name)
         lengths = _other_lengths(residuals.robot, preset)
-        if lengths:
-            found.append(OtherPreset(name, preset.name, _error_with(residuals, x_nominal, lengths), stated, lengths))
+        if not lengths or not set(lengths) <= set(names):
+            continue
+        x = x_nominal.copy()
+        for length, (own, theirs) in lengths.items():
+            x[names.index(length)] = theirs - own
+        x, _ = minimum_of(residuals, x, free_directions(residuals, x), np.zeros((0, len(x))))
+        found.append(OtherPreset(name, preset.name, rms_length(position_errors(residuals, x)), stated, lengths))
     best = min(found, key=lambda one: one.rms, default=None)
-    # 3.0 times: less the lengths of the right preset leave, at the least.
-    return best if best is not None and best.rms * 3.0 < stated else None
+    return best if best is not None and best.rms * 3.0 < stated else None  # a third of the error at the most
 
 
 def _other_lengths(robot: Robot, other: Robot) -> dict[str, tuple[float, float]]:
@@ -144,18 +137,6 @@ def _other_lengths(robot: Robot, other: Robot) -> dict[str, tuple[float, float]]
             if one.kind == "translate" and apart > _SAME_LENGTH_M:
                 lengths[one.parameter] = (one.nominal, two.nominal)
     return lengths
-
-
-def _error_with(residuals: Residuals, x_nominal: Array, lengths: Mapping[str, tuple[float, float]]) -> float:
-    """RMS position error [m] with other lengths, free frames fitted to them; infinite where one is no parameter."""
-    names = [p.name for p in residuals.parameters]
-    if not set(lengths) <= set(names):
-        return float("inf")
-    x = x_nominal.copy()
-    for name, (own, theirs) in lengths.items():
-        x[names.index(name)] = theirs - own
-    x, _ = minimum_of(residuals, x, free_directions(residuals, x), np.zeros((0, len(x))))
-    return rms_length(position_errors(residuals, x))
 
 
 def free_directions(residuals: Residuals, x: Array) -> Array:

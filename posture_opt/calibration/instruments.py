@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from math import isfinite, nan, sqrt
+from math import nan, sqrt
 from statistics import NormalDist
 
 import numpy as np
@@ -14,9 +14,9 @@ from posture_opt.calibration.cross_validation import residual_indices
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.least_squares import reduced_jacobian
 from posture_opt.calibration.estimation.residuals import Residuals
-from posture_opt.measurements.kinds.mixed import Mixed
+from posture_opt.measurements.kinds import Kind, Mixed
 from posture_opt.measurements.repeats import Contrasts
-from posture_opt.numerics import Array, Codes, Json, rms, rms_length, stacked_rows
+from posture_opt.numerics import Array, Codes, Json, finite_or_none, rms, rms_length, stacked_rows
 from posture_opt.selection.problem_data import ProblemData
 
 
@@ -30,7 +30,7 @@ class FurtherReading:
     p_value: float
 
     def to_json(self) -> dict[str, Json]:
-        p_value = self.p_value if isfinite(self.p_value) else None
+        p_value = finite_or_none(self.p_value)
         return {"sigma": self.sigma or None, "unit": self.unit, "scatter": self.scatter, "p_value": p_value}
 
 
@@ -52,16 +52,13 @@ class Instrument:
     further: Mapping[str, FurtherReading] = field(default_factory=dict)  # what else it reads, by its key
 
     def to_json(self) -> dict[str, Json]:
-        document: dict[str, Json] = {
-            "kind": self.kind,
-            "rows": self.rows,
-            "rms": self.rms,
+        document: dict[str, Json] = {name: getattr(self, name) for name in ("kind", "rows", "rms", "unit")}
+        document |= {
             "sigma": self.sigma or None,
-            "unit": self.unit,
             "unknowns": {name: dict(found) for name, found in self.places.items()},
         }
         if self.scatter:
-            document |= {"scatter": self.scatter, "p_value": self.p_value if isfinite(self.p_value) else None}
+            document |= {"scatter": self.scatter, "p_value": finite_or_none(self.p_value)}
         return document | {key: one.to_json() for key, one in self.further.items()}
 
 
@@ -72,18 +69,20 @@ def instruments_of(
 
     residuals: of all rows; fit: to those that count; errors: (N, 3) held-out errors [m]; kept: rows that count.
     """
-    data, kind, x = residuals.data, residuals.data.kind, fit.x
+    data, kind = residuals.data, residuals.data.kind
     if data.part is not None:
         return _of_mixed(problem, residuals, fit, errors, kept)
     own = errors if data.lever is None else errors / data.lever[:, None]
-    values, left = residuals.places(x), rms_length(own[kept])
-    named = enumerate(data.place_names)
-    places = {name or kind.kind: kind.described(name, values[k]) for k, name in named}
+    values, left = residuals.places(fit.x), rms_length(own[kept])
+    places = {name or kind.kind: kind.described(name, values[k]) for k, name in enumerate(data.place_names)}
     sigma = position_sigma(problem, data) if data.lever is None else stated_sigma_of(problem, data)
-    blind = f"{kind.blind_spot}; {kind.remedy}" if kind.blind_spot else ""
     further = _further_readings(problem, residuals, fit, kept) if kind.further else {}
-    one = Instrument(kind.kind, kind.noun, len(kept), left, sigma, kind.unit, places, blind, further=further)
-    return {kind.kind: one}
+    read = (kind.kind, kind.noun, len(kept), left, sigma, kind.unit)
+    return {kind.kind: Instrument(*read, places, _blind_spot(kind), further=further)}
+
+
+def _blind_spot(kind: Kind) -> str:
+    return f"{kind.blind_spot}; {kind.remedy}" if kind.blind_spot else ""
 
 
 def _further_readings(problem: ProblemData, residuals: Residuals, fit: Fit, kept: Codes) -> dict[str, FurtherReading]:
@@ -107,37 +106,24 @@ def _of_mixed(
     assert data.part is not None, "a file of several instruments"
     left = errors[:, 0] if data.lever is None else errors[:, 0] / data.lever
     described = {name: data.kind.described(name, values[k]) for k, name in enumerate(data.place_names)}
-    found = dict[str, Instrument]()
-    scatters = _scatters(problem, residuals, fit, kept)
-    for (member, quantity), (own, seen) in zip(data.kind.quantities, scatters, strict=True):
-        kind, count = member.kind, len(np.unique(data.line[own]))
+    group, (names, place) = data.kind.quantity_of(data.part), data.weighed
+    weighed, found = data.kind.sigmas(problem.measurement), dict[str, Instrument]()
+    every = np.array([weighed[name] for name in names])[place]
+    variances = variance_components(fit, kept, group)
+    for k, ((member, quantity), (variance, freedom)) in enumerate(zip(data.kind.quantities, variances, strict=True)):
+        own, kind = kept[group[kept] == k], member.kind
+        sigma = float(getattr(problem.measurement, quantity.key, None) or 0.0)
+        scatter, p = rms(every[own]) * variance**0.5, _chance(variance, freedom) if sigma else nan
         if quantity in kind.further:
-            whole = found[member.name]
-            found[member.name] = replace(whole, further={**whole.further, quantity.key: seen})
+            more = {quantity.key: FurtherReading(sigma, quantity.unit, scatter, p)}
+            found[member.name] = replace(found[member.name], further={**found[member.name].further, **more})
             continue
         places = {key: described[key] for key in (*member.keys, *member.more) if described[key]}
+        count = len(np.unique(data.line[own]))
         held_out = float(np.sqrt(np.sum(left[own] ** 2) / max(count, 1)))
-        blind = f"{kind.blind_spot}; {kind.remedy}" if kind.blind_spot else ""
-        found[member.name] = Instrument(
-            kind.kind, kind.noun, count, held_out, seen.sigma, kind.unit, places, blind, seen.scatter, seen.p_value
-        )
+        read = (kind.kind, kind.noun, count, held_out, sigma, kind.unit)
+        found[member.name] = Instrument(*read, places, _blind_spot(kind), scatter, p)
     return found
-
-
-def _scatters(
-    problem: ProblemData, residuals: Residuals, fit: Fit, kept: Codes
-) -> Iterator[tuple[Codes, FurtherReading]]:
-    data = residuals.data
-    assert isinstance(data.kind, Mixed), "a file of several instruments"
-    assert data.part is not None, "a file of several instruments"
-    group, (names, place) = data.kind.quantity_of(data.part), data.weighed
-    weighed = data.kind.sigmas(problem.measurement)
-    every = np.array([weighed[name] for name in names])[place]
-    for k, (variance, freedom) in enumerate(variance_components(fit, kept, group)):
-        own, (_, one) = kept[group[kept] == k], data.kind.quantities[k]
-        sigma = float(getattr(problem.measurement, one.key, None) or 0.0)
-        p = _chance(variance, freedom) if sigma else nan
-        yield own, FurtherReading(sigma, one.unit, rms(every[own]) * variance**0.5, p)
 
 
 def variance_components(fit: Fit, kept: Codes, group: Codes) -> list[tuple[float, float]]:
@@ -253,15 +239,6 @@ def probability_of_gain(fit: Fit, x_nominal: Array) -> float:
 
     x_nominal: x₀ (k,), only free frames and places fitted [rad, m].
     """
-    J = _positions_without_base(fit)
-    u = J @ (fit.x - x_nominal)
-    slope = J.T @ u
-    s = float(np.sqrt(np.maximum(slope @ fit.covariance @ slope, 0.0)))
-    return NormalDist().cdf(float(u @ u) / (2 * s)) if s > 0 else 0.5
-
-
-def _positions_without_base(fit: Fit) -> Array:
-    """(3N, k) ``P J`` of the tool's positions at the rows that count [m/rad or m/m]."""
     used = fit.residuals.take(np.flatnonzero(fit.kept))
     n, reached = len(used.data), used.walk(fit.x)
     own = [i for i, p in enumerate(used.parameters) if p.source]
@@ -270,9 +247,13 @@ def _positions_without_base(fit: Fit) -> Array:
     for i, (shift, _) in zip(own, twists, strict=True):
         rows = used.parameters[i].code < 0 or used.data.target == used.parameters[i].code
         J[:, :, i] = np.where(np.reshape(rows, (-1, 1)), stacked_rows(shift, n), 0.0)
+    # P takes off the six columns of a motion of the base.
     p = stacked_rows(reached.position, n)
-    shifts = np.broadcast_to(np.eye(3), (n, 3, 3))
     turns = np.stack([np.cross(axis, p - p.mean(axis=0)) for axis in np.eye(3)], axis=2)
-    base = np.linalg.qr(np.concatenate([shifts, turns], axis=2).reshape(3 * n, 6))[0]
-    flat = J.reshape(3 * n, -1)
-    return np.asarray(flat - base @ (base.T @ flat))
+    columns = np.concatenate([np.broadcast_to(np.eye(3), (n, 3, 3)), turns], axis=2)
+    base, flat = np.linalg.qr(columns.reshape(3 * n, 6))[0], J.reshape(3 * n, -1)
+    PJ = flat - base @ (base.T @ flat)
+    u = PJ @ (fit.x - x_nominal)
+    slope = PJ.T @ u
+    s = float(np.sqrt(np.maximum(slope @ fit.covariance @ slope, 0.0)))
+    return NormalDist().cdf(float(u @ u) / (2 * s)) if s > 0 else 0.5

@@ -18,8 +18,6 @@ from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.thinning import Thinning
 from posture_opt.numerics import Array, Json, Mask
 
-_RANGE_TOLERANCE = 1e-9  # rad or m
-
 Model = tuple[Residuals, Array]
 """An arm against the file that it was fitted to, and its deviations (k,)."""
 
@@ -53,16 +51,10 @@ class OtherFile:
 
     def to_json(self) -> dict[str, Json]:
         document = {name: statistics.to_json() for name, statistics in self.models.items()}
-        if self.outside.any():
-            for name in self.models:
-                document[name]["rms_outside_training"] = self.rms(name, self.outside)
-        return {
-            **document,
-            "improves": self.improves,
-            "frames_refitted": self.refitted,
-            "rows": len(self.data),
-            "rows_outside_training": int(self.outside.sum()),
-        }
+        for name in self.models if self.outside.any() else ():
+            document[name]["rms_outside_training"] = self.rms(name, self.outside)
+        rows = {"rows": len(self.data), "rows_outside_training": int(self.outside.sum())}
+        return {**document, "improves": self.improves, "frames_refitted": self.refitted, **rows}
 
 
 def predict_other_file(
@@ -70,7 +62,7 @@ def predict_other_file(
 ) -> OtherFile:
     """Errors of models on another file, nothing fitted to it, or base and tool alone if ``refit_frames``."""
     other = match_targets(learned, other)
-    low, high = learned.q.min(axis=0) - _RANGE_TOLERANCE, learned.q.max(axis=0) + _RANGE_TOLERANCE
+    low, high = learned.q.min(axis=0) - 1e-9, learned.q.max(axis=0) + 1e-9  # rad or m: rounding
     out = (other.q < low) | (other.q > high)
     joints = tuple(name for name, beyond in zip(other.joint_names, out.any(axis=0), strict=True) if beyond)
     errors = {name: errors_on(model, other, refit_frames) for name, model in models.items()}

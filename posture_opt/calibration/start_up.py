@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,8 +9,6 @@ import numpy as np
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Codes, Json, rms_length
 
-_SHARES = (1 / 40, 1 / 20, 1 / 10)
-"""Shares of the rows that are looked at as the first ones."""
 _LEVEL = 0.01
 """Level of the test over all looks together (Bonferroni)."""
 
@@ -51,60 +48,56 @@ def start_up(errors: Array, data: Measurements) -> StartUp | None:
 
     errors (N, 3) position errors [m] of rows that the model has not seen.
     """
-    if data.position is None:
+    if data.position is None:  # touched points are grouped by place
         return None
-    order = data.order
-    # 5 rows of a window at the least: fewer say nothing of its RMS.
-    counts = [k for share in _SHARES if (k := int(share * len(errors))) >= 5]
-    if not counts:
+    e = errors[data.order]
+    # Windows of 5 rows at the least: fewer say nothing of their RMS.
+    counts = np.array([k for share in (1 / 40, 1 / 20, 1 / 10) if (k := int(share * len(e))) >= 5], dtype=np.intp)
+    if not len(counts):
         return None
-    p = min(len(counts) * min(_p_of_first_window(errors[order], k) for k in counts), 1.0)
-    k = min(counts, key=lambda k: _log_scatter(errors[order], k))
-    first, rest = rms_length(errors[order[:k]]), rms_length(errors[order[k:]])
-    # 1.25 times: larger the RMS of the first rows is, at the least: less is not worth leaving rows out.
-    if p > _LEVEL or first < 1.25 * rest or _by_one_row(errors[order], counts):
+    p = min(_p_of_first_window(e, counts), 1.0)
+    k = int(counts[np.argmin(_split_costs(e, counts))])
+    first, rest = rms_length(e[:k]), rms_length(e[k:])
+    # Without the worst of the first rows they must still be farther off than the others.
+    without = np.delete(e, int(np.argmax(np.linalg.norm(e[: max(counts)], axis=1))), axis=0)
+    # 1.25 times the RMS of the others at the least: less is not worth leaving rows out
+    if p > _LEVEL or first < 1.25 * rest or _p_of_first_window(without, counts) > _LEVEL:
         return None
-    taken = None if data.time is None else float(data.time[order[k - 1]] - data.time[order[0]])
+    time, T = (None if v is None else v[data.order] for v in (data.time, data.temperature))
+    taken = None if time is None else float(time[k - 1] - time[0])
     seconds = None if taken is None or taken < 0 else taken  # a clock that started anew in between tells nothing
-    return StartUp(k, seconds, first, rest, p, _spread(data.q[order], k), _warming(data, order, k))
+    # 0.7 of the range of each joint, as of rows spread like all: 5 rows drawn evenly reach over two thirds of it.
+    whole, reached = np.ptp(data.q, axis=0), np.ptp(data.q[data.order[:k]], axis=0)
+    spread = bool(np.all(reached[whole > 0] > 0.7 * whole[whole > 0]))
+    warming = None if T is None else (float(T[k - 1] - T[0]), float(T[-1] - T[k]))
+    return StartUp(k, seconds, first, rest, p, spread, warming)
 
 
-def _by_one_row(errors: Array, counts: Sequence[int]) -> bool:
-    without = np.delete(errors, int(np.argmax(np.linalg.norm(errors[: max(counts)], axis=1))), axis=0)
-    return len(counts) * min(_p_of_first_window(without, k) for k in counts) > _LEVEL
-
-
-def _warming(data: Measurements, order: Codes, k: int) -> tuple[float, float] | None:
-    """By how much the temperature rose [K] over the first k rows and over the others; None where none is logged."""
-    if data.temperature is None:
-        return None
-    T = data.temperature[order]
-    return float(T[k - 1] - T[0]), float(T[-1] - T[k])
-
-
-def _spread(q: Array, k: int) -> bool:
-    """Whether the first k joint values (N, n) reach over most of the range of every joint that moves."""
-    whole, first = np.ptp(q, axis=0), np.ptp(q[:k], axis=0)
-    # 0.7 of the range of each joint that first rows reach over where they are spread like all: 5 rows drawn evenly
-    # reach over two thirds of it on average.
-    return bool(np.all(first[whole > 0] > 0.7 * whole[whole > 0]))
-
-
-def _log_scatter(errors: Array, k: int) -> float:
-    """``k log RMS_first + (N − k) log RMS_rest``: least where the change is, of normal errors the likeliest place."""
-    first, rest = (max(rms_length(part), 1e-300) for part in (errors[:k], errors[k:]))
-    return float(k * np.log(first) + (len(errors) - k) * np.log(rest))
-
-
-def _p_of_first_window(errors: Array, k: int) -> float:
+def _p_of_first_window(errors: Array, counts: Codes) -> float:
+    """p-value of the first window against the others, corrected for the lengths of windows (Bonferroni)."""
     from scipy.special import stdtr
 
+    found = []
+    for k in counts:
+        first, *rest = _window_logs(errors, k)
+        others = np.array(rest)
+        t = (first - others.mean()) / max(float(others.std(ddof=1)) * np.sqrt(1 + 1 / len(others)), 1e-300)
+        found.append(float(stdtr(len(others) - 1, -t)))
+    return len(counts) * min(found)
+
+
+def _window_logs(errors: Array, k: int) -> Array:
+    """Logarithms of the RMS of windows of k rows, whose errors are alike and count once."""
     m = len(errors) // k
     squares = np.sum(errors[: m * k] ** 2, axis=1).reshape(m, k).mean(axis=1)
-    y = 0.5 * np.log(np.maximum(squares, 1e-300))
-    others = y[1:]
-    t = (y[0] - others.mean()) / max(float(others.std(ddof=1)) * np.sqrt(1 + 1 / len(others)), 1e-300)
-    return float(stdtr(len(others) - 1, -t))
+    return np.asarray(0.5 * np.log(np.maximum(squares, 1e-300)))
+
+
+def _split_costs(errors: Array, k: Codes) -> Array:
+    """``k log MS_before + (N − k) log MS_after``: of normal errors, least at the likeliest place of a change."""
+    N, squares = len(errors), np.cumsum(np.sum(errors**2, axis=1))
+    before, after = squares[k - 1] / k, (squares[-1] - squares[k - 1]) / (N - k)
+    return np.asarray(k * np.log(np.maximum(before, 1e-300)) + (N - k) * np.log(np.maximum(after, 1e-300)))
 
 
 _WINDOW = 10
@@ -140,25 +133,22 @@ def scatter_change(errors: Array, data: Measurements) -> ScatterChange | None:
 
     errors (N, axes) position errors [m] that the model leaves; data: of these rows.
     """
-    order = data.order
-    count = len(errors) // _WINDOW
+    order, least = data.order, _MIN_WINDOWS * _WINDOW
+    e = errors[order]
+    count = len(e) // _WINDOW
     places = range(_MIN_WINDOWS, count - _MIN_WINDOWS + 1)
-    if not len(places):
-        return None
-    squares = np.sum(errors[order[: count * _WINDOW]] ** 2, axis=1).reshape(count, _WINDOW).mean(axis=1)
-    y = 0.5 * np.log(np.maximum(squares, 1e-300))
+    y = _window_logs(e, _WINDOW) if len(places) else np.zeros(1)
     if not np.ptp(y) > 0:
         return None
     best = min(_p_of_means(y[:k], y[k:]) for k in places) * len(places)
-    split = _likeliest_row(errors[order])
-    before, after = rms_length(errors[order[:split]]), rms_length(errors[order[split:]])
-    # 1e-3 level of the test over all places together (Bonferroni).
-    # 1.5 times: larger errors are on one side, at the least: less changes nothing that is done.
+    split = least + int(np.argmin(_split_costs(e, np.arange(least, len(e) - least + 1))))
+    before, after = rms_length(e[:split]), rms_length(e[split:])
+    # Level of the test over all places together (Bonferroni); less than 1.5 times changes nothing that is done.
     if not best < 1e-3 or max(before, after) < 1.5 * min(before, after):
         return None
     points: tuple[str, ...] = ()
     if data.touches:
-        first, later = (set(data.point[order[part]].tolist()) for part in (slice(split), slice(split, None)))
+        first, later = (set(data.point[part].tolist()) for part in (order[:split], order[split:]))
         points = tuple(data.point_names[i] for i in sorted(later - first))
     return ScatterChange(int(data.line[order[split]]), before, after, min(best, 1.0), points)
 
@@ -175,13 +165,3 @@ def _p_of_means(a: Array, b: Array) -> float:
         return 1.0
     freedom = own.sum() ** 2 / (own[0] ** 2 / (len(a) - 1) + own[1] ** 2 / (len(b) - 1))
     return float(2 * stdtr(freedom, -abs(a.mean() - b.mean()) / np.sqrt(own.sum())))
-
-
-def _likeliest_row(errors: Array) -> int:
-    """The first row of the later part where ``k log RMS_before + (N − k) log RMS_after`` is least."""
-    N, least = len(errors), _MIN_WINDOWS * _WINDOW
-    squares = np.cumsum(np.sum(errors**2, axis=1))
-    k = np.arange(least, N - least + 1)
-    before, after = squares[k - 1] / k, (squares[-1] - squares[k - 1]) / (N - k)
-    cost = k * np.log(np.maximum(before, 1e-300)) + (N - k) * np.log(np.maximum(after, 1e-300))
-    return int(k[np.argmin(cost)])

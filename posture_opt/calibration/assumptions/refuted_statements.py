@@ -25,6 +25,7 @@ from posture_opt.selection.problem_data import ProblemData
 _STUDENT_FREEDOM = 4.0  # of Student's t, by which a few gross errors decide nothing (Lange, Little, Taylor 1989)
 _DETERMINED_STRENGTH = 2.0  # σ of the data that a tolerance moves: more than a prior does
 
+MIN_EVIDENCE = 20.0  # logarithm of a likelihood ratio with which a statement is set aside: probability of e²⁰
 _SUSPICIOUS_DEVIATION = {
     "m": 1e-3,
     "rad": 5e-3,
@@ -327,5 +328,4 @@ def _prior_rows(problem: ProblemData, residuals: Residuals, stated: list[int]) -
 def _required_evidence(e: Array) -> float:
     """The evidence at which residuals (N, block) are much smaller, with certainty."""
     # 0.1 evidence per residual: errors a tenth larger than without what is stated
-    # 20.0 evidence in all: probability of e²⁰
-    return max(20.0, 0.1 * e.size)
+    return max(MIN_EVIDENCE, 0.1 * e.size)

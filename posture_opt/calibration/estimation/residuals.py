@@ -23,9 +23,6 @@ if TYPE_CHECKING:
     from posture_opt.model.effects import Effect
     from posture_opt.model.effects.base.effect import Sensitivity
 
-_LEVEL_TOLERANCE_RAD = np.radians(
-    10
-)  # a levelled instrument and a base that was set up with a level agree to better than this
 MAX_WALKED_ROWS = 20_000
 """Rows that are walked at a time where nothing but their errors is asked for: the chain holds some hundred arrays."""
 Distance = tuple[int, int, float, float]
@@ -135,10 +132,8 @@ class Residuals:
     def with_parameters(self, parameters: Sequence[Parameter]) -> Residuals:
         """The same residuals by some of the parameters; effects that would do nothing any more are gone."""
         sources = {p.source for p in parameters}
-        effects = [
-            e for e, used in ((e, sources & set(e.parameter_names)) for e in self.arm.effects) if used or any(e.values)
-        ]
-        return replace(self, arm=replace(self.arm, effects=tuple(effects)), parameters=tuple(parameters))
+        effects = tuple(e for e in self.arm.effects if sources & set(e.parameter_names) or any(e.values))
+        return replace(self, arm=replace(self.arm, effects=effects), parameters=tuple(parameters))
 
     def start_of(self, effects: Sequence[Effect]) -> Array:
         """(e,) where the fit of effects starts: at their shapes and estimates; with nothing of one without estimate."""
@@ -155,22 +150,20 @@ class Residuals:
         """The effects with the estimates and shapes that the last of the deviations ``x`` (k,) say."""
         at = {p.name: float(v) for p, v in zip(self.parameters, x, strict=True)}
         places, fitted = self.arm.shape_parameters, list[Any]()
-        names = [effect.parameter_names for effect in effects]
         for effect in effects:
-            shape = f"{effect.name}.{effect.smooth_shape}"
+            shape, sizes = f"{effect.name}.{effect.smooth_shape}", [at[name] for name in effect.parameter_names]
             if shape in places:
                 own = self.arm.effects[places[shape]].reshaped(at[shape])
                 effect = effect.with_shape(float(getattr(own, own.smooth_shape)))
-            fitted.append(effect.with_estimate([at[name] for name in names[len(fitted)]]))
+            fitted.append(effect.with_estimate(sizes))
         return tuple(fitted)
 
     def frames(self, x: Array) -> dict[str, float]:
         """Deviations of base and tool; of several targets, none of the tool."""
-        return {
-            p.name: float(v)
-            for p, v in zip(self.parameters, x, strict=False)
-            if p.group in ("base", "tool") and p.code < 0
-        }
+        frames = [
+            (p.name, v) for p, v in zip(self.parameters, x, strict=False) if p.group in ("base", "tool") and p.code < 0
+        ]
+        return {name: float(v) for name, v in frames}
 
     def take(self, rows: Codes) -> Residuals:
         """The residuals of some rows."""
@@ -180,21 +173,16 @@ class Residuals:
         """Model parameter -> deviation, of some targets' offsets one for each row (N,)."""
         values: dict[str, Any] = {}
         for parameter, deviation in zip(self.parameters, x, strict=True):
-            if not parameter.source:
-                continue
-            if parameter.code < 0:
+            if parameter.source and parameter.code < 0:
                 values[parameter.source] = float(deviation)
-            else:
+            elif parameter.source:
                 rows = values.setdefault(parameter.source, np.zeros(len(self.data)))
                 rows[self.data.target == parameter.code] = deviation
         return values
 
     def walk(self, x: Array) -> Walk:
         """The chain at all rows with the deviations ``x`` (k,) [rad, m]: origins [m] and axes of all factors, world."""
-        return self._reached(x).walk
-
-    def _reached(self, x: Array) -> Reached:
-        return self.arm.reach(self.q, self.deviations(x))
+        return self.arm.reach(self.q, self.deviations(x)).walk
 
     def sensitivities(
         self, names: Sequence[str | int], x: Array, reached: Walk | None = None, ones: Sequence[Sensitivity] = ()
@@ -275,7 +263,7 @@ class Residuals:
 
     def residuals_and_jacobian(self, x: Array) -> tuple[Array, Array]:
         """Whitened residuals (m,) and their Jacobian (m, k)."""
-        reached = self._reached(x)
+        reached = self.arm.reach(self.q, self.deviations(x))
         return self._vector(x, reached.walk), self._jacobian(x, reached)
 
     def _vector(self, x: Array, reached: Walk) -> Array:
@@ -286,16 +274,18 @@ class Residuals:
 
     def _jacobian(self, x: Array, reached: Reached) -> Array:
         """Derivatives (m, k) of the whitened residuals; a parameter of one target or point acts in its rows alone."""
-        N = len(self.data)
-        J = np.zeros((len(self.parameters), N, self.block))
+        J = np.zeros((len(self.parameters), len(self.data), self.block))
         own, seen = [k for k, p in enumerate(self.parameters) if p.source], self.seen(x, reached.walk)
         columns = self.sensitivities([self.parameters[k].source for k in own], x, reached.walk, reached.ones)
         J[own] = np.moveaxis(columns, -1, 0)
         for k, parameter in enumerate(self.parameters):
-            if not parameter.source:
-                self._place_columns(J[k], parameter, seen)
-            elif parameter.code >= 0:
-                J[k, self.data.target != parameter.code] = 0.0
+            if parameter.source:
+                if parameter.code >= 0:
+                    J[k, self.data.target != parameter.code] = 0.0
+                continue
+            changed, mine = self.data.kind.unknown_slope(seen, parameter.axis), self.data.at_place(parameter.code)
+            for place, (slot, sigma) in enumerate(self.slots):
+                J[k, mine, place] = np.broadcast_to(changed[slot] / sigma, mine.shape)[mine]
         dense = J.reshape(len(self.parameters), -1).T
         if self._sizes.any():
             rows = self._vector(x, reached.walk)[: len(dense), None]
@@ -320,13 +310,6 @@ class Residuals:
         """The size of the arm at the deviations x (k,), relative to nominal."""
         return 1.0 + float(self._sizes @ x)
 
-    def _place_columns(self, columns: Array, parameter: Parameter, seen: Seen) -> None:
-        """Puts what an unknown of a place changes into ``columns`` (N, block): its own rows alone."""
-        changed = self.data.kind.unknown_slope(seen, parameter.axis)
-        own = self.data.at_place(parameter.code)
-        for place, (slot, sigma) in enumerate(self.slots):
-            columns[own, place] = np.broadcast_to(changed[slot] / sigma, own.shape)[own]
-
     @cached_property
     def _touched_distances(self) -> list[int]:
         ends = [(a, b) for a, b, *_ in self.distances]
@@ -338,8 +321,7 @@ class Residuals:
 
     def _distance_residuals(self, x: Array) -> tuple[Array, Array]:
         """Whitened residuals (d,) of known distances between touched points, and their derivatives (d, k)."""
-        r = np.zeros(len(self.distances))
-        J = np.zeros((len(self.distances), len(self.parameters)))
+        r, J = np.zeros(len(self.distances)), np.zeros((len(self.distances), len(self.parameters)))
         points = self.places(x)[:, :3] if self.distances else np.zeros((0, 3))
         for row in self._touched_distances:
             a, b, length, sigma = self.distances[row]
@@ -356,11 +338,14 @@ def lengths_that_shift(robot: Robot, *, tool_free: bool) -> frozenset[str]:
     """The lengths of an arm that shift all that it reaches, whatever the posture: a column's height, say."""
     q = np.random.default_rng(0).uniform(-1.0, 1.0, (robot.n, _POSTURES_OF_SHIFTS))
     reached = walk(robot.factors, factor_values(robot.factors, list(q)))
+
+    def constant(axis: Sequence[Any]) -> bool:
+        return all(np.ptp(np.atleast_1d(entry)) < _SAME_DIRECTION for entry in axis)
+
     found = set()
     for factor, screw in zip(robot.factors, reached.screws, strict=True):
-        in_tool = tuple(dot(column, screw.axis) for column in reached.columns)
-        seen_from = [screw.axis, in_tool] if tool_free else [screw.axis]
-        if any(all(np.ptp(np.atleast_1d(entry)) < _SAME_DIRECTION for entry in axis) for axis in seen_from):
+        in_tool = [dot(column, screw.axis) for column in reached.columns]
+        if constant(screw.axis) or (tool_free and constant(in_tool)):
             found.add(factor.parameter)
     return frozenset(found)
 
@@ -372,12 +357,12 @@ def counted(data: Measurements, further: Mapping[str, float]) -> Measurements:
 
 def gravity_of(robot: Robot, frames: Mapping[str, float]) -> tuple[float, float, float]:
     """Gravity [m/s²] in the world of the data, with the base off by ``frames`` from the file's."""
-    found = walk(robot.base, factor_values(robot.base, [], frames)).columns
-    stated = walk(robot.base, factor_values(robot.base, [])).columns
-    turn = np.array(found, dtype=float).T @ np.array(stated, dtype=float)
     g = np.array(robot.gravity)
     if not robot.base_free or float(np.linalg.norm(g)) == 0.0:
         return robot.gravity
-    cosine = float(g @ turn @ g) / float(g @ g)
-    x, y, z = g if cosine > np.cos(_LEVEL_TOLERANCE_RAD) else turn @ g
+    found, stated = (walk(robot.base, factor_values(robot.base, [], off)).columns for off in (frames, {}))
+    turn = np.array(found, dtype=float).T @ np.array(stated, dtype=float)
+    # Upright in the instrument's frame but for 10°, the instrument was levelled and the tilt is the base's own; else
+    # the arm is mounted as the file says, and the instrument is not level.
+    x, y, z = g if float(g @ turn @ g) / float(g @ g) > np.cos(np.radians(10)) else turn @ g
     return float(x), float(y), float(z)
