@@ -55,6 +55,15 @@ class ResidualScatter:
     factor: float
     inside: float  # share of the rows in that region
 
+    @classmethod
+    def of(cls, errors: Array, poses: int) -> ResidualScatter | None:
+        """Of errors (l, d) [m] about zero; None with too few poses."""
+        ellipse = Ellipsoid(np.zeros(errors.shape[1]), errors.T @ errors / len(errors))
+        if not 0 < ellipse.rank < poses + 1:
+            return None
+        factor = hotelling_factor(0.95, ellipse.rank, poses)
+        return cls(ellipse, len(errors), poses, factor, float(np.mean(ellipse.mahalanobis(errors) <= factor)))
+
     def to_json(self) -> dict[str, Json]:
         return {
             "covariance": self.ellipse.covariance.tolist(), "samples": self.samples, "dof": self.dof,
@@ -100,7 +109,10 @@ class Assessment(Result):
     def statements(self) -> tuple[Statement, ...]:
         """The errors before and after; whether a mean error remains; then what each rule of measuring says."""
         parts = (_mean_statements, _unseen, _input_statements, _scatter_statements, _instrument, _repeat_statements)
-        return (_errors(self), *(statement for part in parts for statement in part(self)))
+        before, after = (Quantity(model.coordinate) for model in (self.nominal, self.calibrated))
+        one = self.calibration.request.data.kind.number_words
+        errors = state("validation.errors", coordinate=one, before=before, after=after)
+        return (errors, *(statement for part in parts for statement in part(self)))
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -188,60 +200,40 @@ def assess(
         (60, True)
     """
     problem, data, calibration = calibrated_parts(problem, data, calibration)
-    kept = calibration.kept_rows
-    axes = calibration.residuals.axes
-    used = data.take(kept)
-    direction = _task_direction(problem) if len(data.kind.axis_names) == 3 else None
-    errors = {
-        "nominal": _measured_minus_model(calibration.errors_nominal[kept]),
-        "calibrated": _measured_minus_model(calibration.errors[kept]),
-    }
-    fitted = {"nominal": errors["nominal"], "calibrated": _measured_minus_model(calibration.errors_fitted[kept])}
-    models = {name: model_errors(used, errors[name], fitted[name], axes, direction) for name in errors}
-    stated = position_sigma(problem, data)
-    residuals = calibration.residuals.take(kept)
-    codes = repeat_groups(used, prismatic_joints(residuals))
-    rotations = _rotation_errors(residuals, calibration.x, used, codes)
-    deviations = {name: e[:, axes] for name, e in errors.items()}
-    oriented = bool(calibration.residuals.data.kind.further)
+    kept, residuals = calibration.kept_rows, calibration.residuals.take(calibration.kept_rows)
+    axes, used, spatial = residuals.axes, data.take(kept), len(data.kind.axis_names) == 3
+    direction = None
+    if spatial and problem.task is not None:
+        direction = np.array(problem.task.direction, dtype=float) / np.linalg.norm(problem.task.direction)
+    every = (calibration.errors_nominal, calibration.errors, calibration.errors_fitted)
+    # Measured minus model; less than 1e-12 m is rounding of a coordinate.
+    nominal, calibrated, fitted = (np.where(np.abs(e[kept]) > 1e-12, -e[kept], 0.0) for e in every)
+    codes, poses = repeat_groups(used, prismatic_joints(residuals)), len(np.unique(used.pose))
+    repeats = None
+    if data.position is not None:
+        deviations = {"nominal": nominal[:, axes], "calibrated": calibrated[:, axes]}
+        rotations = _rotation_errors(residuals, calibration.x, used, codes)
+        repeats = repeats_of(used, codes, fitted[:, axes], deviations, rotations, bool(residuals.data.kind.further))
+    cut = {"x": "m", "y": "m", "z": "m"}
+    if data.position is None:
+        cut = {joint.name: "rad" if joint.type == "revolute" else "m" for joint in problem.robot.joints}
     return Assessment(
         calibration=calibration,
         rows=len(kept),
-        poses=len(np.unique(used.pose)),
+        poses=poses,
         axes=tuple(int(axis) for axis in axes),
         direction=direction,
-        instrument=stated,
-        block_axes=_block_axes(problem, data),
-        nominal=models["nominal"],
-        calibrated=models["calibrated"],
-        residual_scatter=_residual_scatter(errors["calibrated"][:, axes], len(np.unique(used.pose))),
-        repeats=None
-        if data.position is None
-        else repeats_of(used, codes, fitted["calibrated"][:, axes], deviations, rotations, oriented),
-        goals=goals_of(used, errors),
-        trends=trends_of(used, fitted["calibrated"][:, axes]),
-        sides=sides_of(used, fitted["calibrated"], _joint_motions(residuals, calibration.x)),
-        unseen=_why_unseen(problem, axes, direction) if len(data.kind.axis_names) == 3 else "",
+        instrument=position_sigma(problem, data),
+        block_axes=tuple(cut.items()),
+        nominal=model_errors(used, nominal, nominal, axes, direction),
+        calibrated=model_errors(used, calibrated, fitted, axes, direction),
+        residual_scatter=ResidualScatter.of(calibrated[:, axes], poses),
+        repeats=repeats,
+        goals=goals_of(used, {"nominal": nominal, "calibrated": calibrated}),
+        trends=trends_of(used, fitted[:, axes]),
+        sides=sides_of(used, fitted, residuals.reading_shifts(residuals.robot.driven, calibration.x)),
+        unseen=_why_unseen(problem, axes, direction) if spatial else "",
     )
-
-
-def _measured_minus_model(errors: Array) -> Array:
-    # 1e-12 m
-    return np.where(np.abs(errors) > 1e-12, -errors, 0.0)
-
-
-def _task_direction(problem: ProblemData) -> Array | None:
-    """Unit vector (3,) of the task's direction, in the frame of the measurements; None without a task."""
-    if problem.task is None:
-        return None
-    direction = np.asarray(problem.task.direction, dtype=float)
-    return np.asarray(direction / np.linalg.norm(direction))
-
-
-def _block_axes(problem: ProblemData, data: Measurements) -> tuple[tuple[str, str], ...]:
-    if data.position is not None:
-        return (("x", "m"), ("y", "m"), ("z", "m"))
-    return tuple((joint.name, "rad" if joint.type == "revolute" else "m") for joint in problem.robot.joints)
 
 
 def _why_unseen(problem: ProblemData, axes: Codes, direction: Array | None) -> str:
@@ -250,12 +242,6 @@ def _why_unseen(problem: ProblemData, axes: Codes, direction: Array | None) -> s
     if not all(measured_parts(axes, direction)):
         return "direction-unmeasured"
     return "direction-of-measurements" if problem.robot.base_free else ""
-
-
-def _errors(found: Assessment) -> Statement:
-    before, after = (Quantity(model.coordinate) for model in (found.nominal, found.calibrated))
-    one = found.calibration.request.data.kind.number_words
-    return state("validation.errors", coordinate=one, before=before, after=after)
 
 
 def _unseen(found: Assessment) -> Iterator[Statement]:
@@ -279,11 +265,10 @@ def _mean_statements(found: Assessment) -> Iterator[Statement]:
 def _sides_of(found: Assessment, block: BlockMean) -> list[str]:
     whole = np.ptp([[b.lower, b.upper] for b in found.calibrated.blocks], axis=(0, 1))
     part = (block.upper - block.lower) / np.maximum(whole, 1e-12)
-    # 0.6 of the whole range: a block as long was not cut along it
-    shown = sorted(k for k in np.argsort(part)[:3] if part[k] < 0.6 and whole[k] > 0)
     units = {"rad": (math.degrees(1.0), "deg", 0), "m": (1.0, "m", 2)}
     sides = []
-    for k in shown:
+    # 0.6 of the whole range: a block as long was not cut along it
+    for k in sorted(k for k in np.argsort(part)[:3] if part[k] < 0.6 and whole[k] > 0):
         name, (factor, unit, decimals) = found.block_axes[k][0], units[found.block_axes[k][1]]
         low, high = (fixed(factor * float(end[k]), decimals) for end in (block.lower, block.upper))
         sides.append(f"{name} is {low} to {high} {unit}")
@@ -336,21 +321,6 @@ def _repeat_statements(found: Assessment) -> Iterator[Statement]:
         yield state("validation.repeats-few")
     elif (least := min(pose.nominal.n for pose in repeats.poses)) < ISO_CYCLES:
         yield state("validation.repeats-below-standard", standard=ISO_CYCLES, least=least)
-
-
-def _residual_scatter(errors: Array, poses: int) -> ResidualScatter | None:
-    """The covariance ``(1/l) Σ e eᵀ`` of errors (l, d) [m] about zero, and its 95 % region; None with too few poses."""
-    ellipse = Ellipsoid(np.zeros(errors.shape[1]), errors.T @ errors / len(errors))
-    if not 0 < ellipse.rank < poses + 1:
-        return None
-    factor = hotelling_factor(0.95, ellipse.rank, poses)
-    inside = float(np.mean(ellipse.mahalanobis(errors) <= factor))
-    return ResidualScatter(ellipse, len(errors), poses, factor, inside)
-
-
-def _joint_motions(residuals: Residuals, x: Array) -> list[Array]:
-    """For each joint, the change (N, 3) of what is read by a unit of it [m/rad or m/m]."""
-    return residuals.reading_shifts(residuals.robot.driven, x)
 
 
 def _rotation_errors(residuals: Residuals, x: Array, data: Measurements, codes: Codes) -> Array | None:

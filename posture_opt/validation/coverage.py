@@ -62,21 +62,17 @@ class Coverage:
 
         squared, m = squared_distances(errors, predicted.covariance), errors.shape[1]
         groups = np.unique(groups, return_inverse=True)[1]
-        radius = coverage_factor(REGION_PROBABILITY, m)
         reach, held = _as_predicted(predicted)
         shares = held[:, RELIABILITY_LEVELS.index(REGION_PROBABILITY)]
         found, typical = float(np.sqrt(np.quantile(squared, REGION_PROBABILITY))), float(np.median(reach))
-        ends = np.concatenate(
-            [found / np.quantile(reach, INTERVAL_QUANTILES), _bootstrap_radius(squared, groups) / typical]
-        )
-        inside = squared <= radius**2
+        by_chance, drawn = found / np.quantile(reach, INTERVAL_QUANTILES), _bootstrap_radius(squared, groups) / typical
+        ends = np.concatenate([by_chance, drawn])
+        inside = squared <= coverage_factor(REGION_PROBABILITY, m) ** 2
+        low, high = np.quantile(shares, INTERVAL_QUANTILES).tolist()
         return cls(
             share=float(inside.mean()),
             interval=share_interval(inside, groups),
-            expected=(
-                float(np.quantile(shares, INTERVAL_QUANTILES[0])),
-                float(np.quantile(shares, INTERVAL_QUANTILES[1])),
-            ),
+            expected=(low, high),
             factor=found / typical,
             factor_interval=(float(ends.min()), float(ends.max())),
             probability=np.sort(np.asarray(chdtr(m, squared))),
@@ -107,10 +103,9 @@ class Coverage:
 
     def to_json(self) -> dict[str, Json]:
         return {
-            "rows": len(self.probability), "poses": self.poses, "share": self.share,
-            "interval95": list(self.interval), "expected95": list(self.expected), "factor": self.factor,
-            "factor_interval95": list(self.factor_interval), "verdict": self.verdict,
-            "reliability": [[p, self.held(p)] for p in RELIABILITY_LEVELS],
+            "rows": len(self.probability), "poses": self.poses, "share": self.share, "interval95": list(self.interval),
+            "expected95": list(self.expected), "factor": self.factor, "factor_interval95": list(self.factor_interval),
+            "verdict": self.verdict, "reliability": [[p, self.held(p)] for p in RELIABILITY_LEVELS],
         }  # fmt: skip
 
 

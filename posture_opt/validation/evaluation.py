@@ -14,8 +14,6 @@ from posture_opt.validation.assessment import Assessment, assess
 from posture_opt.validation.calibrated_arm import calibrated_models, compare_models
 from posture_opt.validation.spread_check import SpreadCheck, check_spread
 
-_MIN_NOISE_SHARE = 0.5**0.5  # of a standard deviation: less is less than half of the variance
-
 
 @dataclass(frozen=True, eq=False)
 class Evaluation(DerivedAgain):
@@ -48,22 +46,18 @@ class Evaluation(DerivedAgain):
 
     @cached_property
     def statements(self) -> tuple[Statement, ...]:
-        """What follows from it: the task planned again, doubts about the spread, and the next step."""
-        parts = (self.assessment, self.spread_check)
-        doubts = (one for part in parts for one in part.statements if one.severity != "result")
-        return (*(() if self.comparison is None else self.comparison.statements), *self._next_step, *doubts)
-
-    @property
-    def _next_step(self) -> tuple[Statement, ...]:
+        """What follows from it: the task planned again, the next step, and doubts about the spread."""
         seen, found = self.assessment, self.calibration
-        steps = {
+        steps = {  # the most urgent one: a systematic error comes before open parameters, these before repeats
             "diagnose": not seen.calibrated.zero,
-            "diagnose-scatter": 0 < seen.instrument < _MIN_NOISE_SHARE * seen.calibrated.coordinate,
+            "diagnose-scatter": 0 < seen.instrument < 0.5**0.5 * seen.calibrated.coordinate,  # half of the variance
             "plan-measurements": bool(found.identifiability.words),
             "repeat": seen.repeats is None and found.request.data.position is not None,
             "plan-task": True,
         }
-        return (state(f"calibration.next-{next(step for step, due in steps.items() if due)}"),)
+        step = state(f"calibration.next-{next(step for step, due in steps.items() if due)}")
+        doubts = (one for part in (seen, self.spread_check) for one in part.statements if one.severity != "result")
+        return (*(() if self.comparison is None else self.comparison.statements), step, *doubts)
 
     def to_json(self) -> dict[str, Json]:
         plan = {} if self.comparison is None else {"posture": self.comparison.fields_json()}

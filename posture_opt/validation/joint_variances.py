@@ -51,9 +51,8 @@ class Components:
         levers /= len(self.scatter.columns) * self.scatter.squares.shape[1]
         if self.fitted:
             levers[-1] = 1.0
-        total = _mean_square(self.scatter)
         # 1e-9 of the longest lever: a joint that moves nothing
-        moving = levers > 1e-9**2 * levers.max(initial=0.0)
+        moving, total = levers > 1e-9**2 * levers.max(initial=0.0), _mean_square(self.scatter)
         return np.asarray(np.divide(total, self.size * levers, out=np.zeros(self.size), where=moving))
 
     @cached_property
@@ -305,35 +304,27 @@ def fit_joint_variances(
     search = range(model.size) if intervals else ()
     ends = np.array([model.interval(theta, best, k, error[k]) for k in search] or [(0.0, np.inf)] * model.size)
     joints = model.member.argmax(axis=1)
-    sigma, std = np.sqrt(theta), _std_of_root(theta, error)
+    finite = np.where(np.isfinite(error), error, 0.0)
+    # std(√θ) = std(θ) / (2 √θ); near zero, where a tangent says nothing, √θ is half the root of the error at the least.
+    steep = 2 * np.maximum(np.sqrt(theta), np.sqrt(finite) / 2)
+    std = np.divide(finite, steep, out=np.zeros_like(finite), where=steep > 0)
+    sigma, std = np.sqrt(theta), np.where(np.isfinite(error), std, np.inf)
     last = model.size - 1
-    fitted = (
-        (float(np.sqrt(theta[last] + model.fixed)), float(std[last])) if fit_instrument else (model.fixed**0.5, 0.0)
-    )
-    low, high = np.sqrt(ends[last] + model.fixed) if fit_instrument else (fitted[0], fitted[0])
+    own, own_std = model.fixed**0.5, 0.0
+    low = high = own
+    if fit_instrument:
+        own, own_std = float(np.sqrt(theta[last] + model.fixed)), float(std[last])
+        low, high = np.sqrt(ends[last] + model.fixed).tolist()
     return JointVariances(
         names=names,
         sigma=sigma[joints],
         std=std[joints],
         interval=np.sqrt(ends)[joints],
-        instrument=fitted[0],
-        instrument_std=fitted[1],
-        instrument_interval=(float(low), float(high)),
+        instrument=own,
+        instrument_std=own_std,
+        instrument_interval=(low, high),
         log_likelihood=best,
     )
-
-
-def _std_of_root(theta: Array, error: Array) -> Array:
-    """Standard errors of the roots of variances; near zero, where a tangent says nothing, the root of the error.
-
-    ``std(√θ) = std(θ) / (2 √θ)``, with √θ no less than half the root of the error.
-
-    theta (c,) variances; error: (c,) their standard errors, infinite where the data do not determine them.
-    """
-    finite = np.where(np.isfinite(error), error, 0.0)
-    steep = 2 * np.maximum(np.sqrt(theta), np.sqrt(finite) / 2)
-    found = np.divide(finite, steep, out=np.zeros_like(finite), where=steep > 0)
-    return np.where(np.isfinite(error), found, np.inf)
 
 
 def likeliest_variances(
@@ -344,44 +335,37 @@ def likeliest_variances(
     errors (N, d) about zero [m]; ``known`` (N, d, d) part of their covariance [m²]; columns (N, d, n) shift of the tool
     point by a unit of each joint's error [m/rad, m/m]; instrument: σ of a coordinate [m]; a start where ``fit``.
     """
-    try:
-        common = estimate_joint_variances(
-            errors, columns, instrument=instrument, fit_instrument=fit, equal=True, names=names, known=known
-        )
-    except InsufficientDataError:
+
+    def estimated(names: Sequence[str], columns: Array, known: Array, equal: bool) -> JointVariances | None:
+        try:
+            return estimate_joint_variances(
+                errors, columns, instrument=instrument, fit_instrument=fit, equal=equal, names=names, known=known
+            )
+        except InsufficientDataError:
+            return None
+
+    common = estimated(names, columns, known, True)
+    if common is None or not common.determined.all():
         return None
-    if not common.determined.all():
-        return None
-    strong = _strong_joints(columns, names)
-    turning = sum(not name.endswith(".d") for name, own in zip(names, strong, strict=True) if own)
-    if turning < 2:
-        return common
-    weak = columns[:, :, ~strong] * common.sigma[~strong]
-    known_part = known + weak @ np.swapaxes(weak, -1, -2)
-    own = [name for name, s in zip(names, strong, strict=True) if s]
-    try:
-        each = estimate_joint_variances(
-            errors, columns[:, :, strong], instrument=instrument, fit_instrument=fit, names=own, known=known_part
-        )
-    except InsufficientDataError:
-        return common
-    clear = 2 * (each.log_likelihood - common.log_likelihood) > (turning - 1) * math.log(errors.size)
-    if not (clear and each.determined.all()):
-        return common
-    sigma, std, interval = common.sigma.copy(), common.std.copy(), common.interval.copy()
-    sigma[strong], std[strong], interval[strong] = _allowed_sigmas(each), each.std, each.interval
-    return replace(each, names=names, sigma=sigma, std=std, interval=interval)
-
-
-def _allowed_sigmas(noise: JointVariances) -> Array:
-    """(n,) σ's to predict with: where the data allow none, half of the most that they allow."""
-    low, high = noise.interval.T
-    return np.where((low <= 0) & np.isfinite(high), np.maximum(noise.sigma, high / 2), noise.sigma)
-
-
-def _strong_joints(columns: Array, names: tuple[str, ...]) -> Mask:
-    """(n,) which joints move what was measured far enough to have a σ of their own."""
+    # The last joint of an arm turns the tool point a little about itself: asked alone, it would have to swing by
+    # degrees to explain what others leave. With a lever below 0.1 of the longest, it has no σ of its own.
     lever = np.sqrt(np.mean(np.sum(columns**2, axis=1), axis=0))
     turning = np.array([not name.endswith(".d") for name in names])
-    # 0.1 of the longest of a turning joint
-    return np.asarray(~turning | (lever > 0.1 * lever[turning].max(initial=0.0)))
+    strong = ~turning | (lever > 0.1 * lever[turning].max(initial=0.0))
+    many = int(np.count_nonzero(turning & strong))
+    if many < 2:
+        return common
+    weak = columns[:, :, ~strong] * common.sigma[~strong]
+    own = [name for name, s in zip(names, strong, strict=True) if s]
+    each = estimated(own, columns[:, :, strong], known + weak @ np.swapaxes(weak, -1, -2), False)
+    if each is None or not each.determined.all():
+        return common
+    if not 2 * (each.log_likelihood - common.log_likelihood) > (many - 1) * math.log(errors.size):
+        return common
+    # Where the data allow no σ, half of the most that they allow: the root mean square of a half normal with that 95 %
+    # end. A likeliest σ of zero would predict a region without thickness, and little data find one often.
+    low, high = each.interval.T
+    allowed = np.where((low <= 0) & np.isfinite(high), np.maximum(each.sigma, high / 2), each.sigma)
+    sigma, std, interval = common.sigma.copy(), common.std.copy(), common.interval.copy()
+    sigma[strong], std[strong], interval[strong] = allowed, each.std, each.interval
+    return replace(each, names=names, sigma=sigma, std=std, interval=interval)

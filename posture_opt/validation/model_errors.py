@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,7 +12,6 @@ from posture_opt.numerics import Array, Codes, Json, finite_or_none, rms
 from posture_opt.uncertainty.regions.regions import RANK_TOLERANCE
 
 TEST_LEVEL = 0.05  # of the tests: so often a mean that is zero is called not zero
-_DIRECTION_TOLERANCE = 1e-6  # rad: rounding of a direction that was written down
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +89,16 @@ def block_tests(vectors: Array, places: Array) -> tuple[BlockMean, ...]:
     The blocks cut the ``places`` (n, k) [m, rad] at medians. That a block's mean is zero is given up in the order of
     the p-values (S. Holm, Scand. J. Stat. 6 (1979) 65). Empty where the rows do not fill two blocks.
     """
-    blocks = _cut_blocks(places)
+    # Halves of halves across the longest side: 16 blocks at the most, as many as a person takes in, of 8 groups of rows
+    # at the least: with fewer in space, Hotelling's test sees next to nothing.
+    blocks: list[Codes] = [np.arange(len(places))]
+    while len(blocks) < 16 and len(blocks[0]) >= 2 * 8:
+        halves = []
+        for rows in blocks:
+            longest = np.argmax(np.ptp(places[rows], axis=0))
+            ordered = rows[np.argsort(places[rows, longest], kind="stable")]
+            halves += [ordered[: len(ordered) // 2], ordered[len(ordered) // 2 :]]
+        blocks = halves
     if len(blocks) < 2:
         return ()
     tests = [mean_test(vectors[rows]) for rows in blocks]
@@ -115,20 +123,6 @@ def holm_rejections(p_values: list[float], size: float = TEST_LEVEL) -> list[boo
             break
         given_up[index] = True
     return given_up
-
-
-def _cut_blocks(places: Array) -> list[Codes]:
-    blocks: list[Codes] = [np.arange(len(places))]
-    # 8 groups of rows in a block: with fewer in space, Hotelling's test sees next to nothing
-    # 16 blocks: as many as a person takes in
-    while len(blocks) < 16 and len(blocks[0]) >= 2 * 8:
-        halves = []
-        for rows in blocks:
-            longest = np.argmax(np.ptp(places[rows], axis=0))
-            ordered = rows[np.argsort(places[rows, longest], kind="stable")]
-            halves += [ordered[: len(ordered) // 2], ordered[len(ordered) // 2 :]]
-        blocks = halves
-    return blocks
 
 
 @dataclass(frozen=True)
@@ -204,12 +198,10 @@ def model_errors(data: Measurements, errors: Array, fitted: Array, axes: Codes, 
 def measured_parts(axes: Codes, direction: Array) -> tuple[bool, bool]:
     """Whether the measured axes show deviations along the direction (3,), and across it: a plane has one line."""
     hidden = np.abs(np.delete(direction, axes))
-    return bool(np.all(hidden < _DIRECTION_TOLERANCE)), bool(
-        np.all((hidden < _DIRECTION_TOLERANCE) | (hidden > 1 - _DIRECTION_TOLERANCE))
-    )
+    none, all_of_it = hidden < 1e-6, hidden > 1 - 1e-6  # rad: rounding of a direction that was written down
+    return bool(np.all(none)), bool(np.all(none | all_of_it))
 
 
-_MIN_HOURS_S = 2 * 3600.0  # s: shorter times are written in minutes
 _UNITS = {"time": (" h", 1 / 3600), "temperature": (" degC", 1.0), "payload": (" kg", 1.0)}
 """Input -> unit in reports and factor from SI."""
 _MAX_BATCHES = 20  # of neighbouring rows, whose errors are alike: their means are taken for independent
@@ -233,7 +225,7 @@ class Trend:
         if self.name == "row":
             return "first to last"
         unit, factor = _UNITS[self.name]
-        if self.name == "time" and self.range[1] - self.range[0] < _MIN_HOURS_S:
+        if self.name == "time" and self.range[1] - self.range[0] < 2 * 3600.0:  # short times in minutes
             unit, factor = " min", 1 / 60
         low, high = (f"{factor * value:.4g}" for value in self.range)
         return f"{low} to {high}{unit}"
@@ -267,11 +259,8 @@ def trends_of(data: Measurements, errors: Array) -> tuple[Trend, ...]:
     order = ("row", np.arange(len(data), dtype=float)) if data.time is None else ("time", data.time)
     inputs = (order, ("temperature", data.temperature), ("payload", data.payload))
     found = [line for name, x in inputs if x is not None and (line := trend_line(name, x, errors)) is not None]
-    kept = holm_rejections([line.p_value for line in found])
-    return tuple(
-        Trend(t.name, t.range, t.change, t.error, t.p_value, given_up)
-        for t, given_up in zip(found, kept, strict=True)
-    )  # fmt: skip
+    given_up = holm_rejections([line.p_value for line in found])
+    return tuple(replace(line, found=up) for line, up in zip(found, given_up, strict=True))
 
 
 def trend_line(name: str, x: Array, errors: Array) -> Trend | None:
@@ -305,36 +294,23 @@ def sides_of(data: Measurements, errors: Array, motions: list[Array]) -> tuple[S
 
     errors (N, 3) [m]; motions: by joint, (N, 3) how it moves the tool point [m/rad or m/m].
     """
+    from scipy.special import stdtr
+
     found = []
     for k, motion in enumerate(motions):
         lever = np.linalg.norm(motion, axis=1)
         # 1e-9 of the largest lever: a joint that does not move the tool point
-        moves = np.flatnonzero((lever > 1e-9 * max(lever.max(initial=0.0), 1.0)) & (data.approach[:, k] != 0))
-        along = np.sum(errors * motion, axis=1)[moves] / lever[moves]
-        differences = _side_differences(data.approach[moves, k], along)
-        # 6 batches with arrivals from both sides
-        if len(differences) >= 6:
-            found.append(_compare_sides(data.joint_names[k], differences))
-    kept = holm_rejections([sides.p_value for sides in found])
-    return tuple(
-        Sides(s.joint, s.difference, s.error, s.p_value, given_up) for s, given_up in zip(found, kept, strict=True)
-    )
-
-
-def _side_differences(side: Array, along: Array) -> Array:
-    """Mean of those that arrived increasing minus mean of those decreasing, in each batch that has both.
-
-    side (M,) −1 or +1 of one joint; along: (M,) errors along the direction in which it moves the tool [m].
-    """
-    rarer = min(int(np.count_nonzero(side < 0)), int(np.count_nonzero(side > 0)))
-    batches = np.array_split(np.arange(len(side)), max(min(_MAX_BATCHES, rarer // _MIN_BATCH_ROWS), 1))
-    both = [rows for rows in batches if np.ptp(side[rows]) > 0] if rarer else []
-    return np.array([along[rows][side[rows] > 0].mean() - along[rows][side[rows] < 0].mean() for rows in both])
-
-
-def _compare_sides(joint: str, differences: Array) -> Sides:
-    from scipy.special import stdtr
-
-    mean, error = float(differences.mean()), float(differences.std(ddof=1) / math.sqrt(len(differences)))
-    p_value = float(2 * stdtr(len(differences) - 1, -abs(mean) / error)) if error else 1.0
-    return Sides(joint, mean, error, p_value)
+        moving = lever > 1e-9 * max(lever.max(initial=0.0), 1.0)
+        moves = np.flatnonzero(moving & (data.approach[:, k] != 0))
+        along, side = np.sum(errors * motion, axis=1)[moves] / lever[moves], data.approach[moves, k]
+        # Means of increasing minus decreasing arrivals, in batches of neighbours that have both.
+        rarer = min(int(np.count_nonzero(side < 0)), int(np.count_nonzero(side > 0)))
+        batches = np.array_split(np.arange(len(side)), max(min(_MAX_BATCHES, rarer // _MIN_BATCH_ROWS), 1))
+        both = [rows for rows in batches if np.ptp(side[rows]) > 0] if rarer else []
+        apart = np.array([along[rows][side[rows] > 0].mean() - along[rows][side[rows] < 0].mean() for rows in both])
+        if len(apart) >= 6:  # batches with arrivals from both sides
+            mean, error = float(apart.mean()), float(apart.std(ddof=1) / math.sqrt(len(apart)))
+            p = float(2 * stdtr(len(apart) - 1, -abs(mean) / error)) if error else 1.0  # Student's t
+            found.append(Sides(data.joint_names[k], mean, error, p))
+    given_up = holm_rejections([sides.p_value for sides in found])
+    return tuple(replace(sides, found=up) for sides, up in zip(found, given_up, strict=True))

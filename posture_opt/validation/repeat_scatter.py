@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -144,7 +145,10 @@ def scatter_test(scatter: Scatter, covariances: Array, lines: Codes) -> ScatterT
     nu, d = scatter.freedom, scatter.squares.shape[1]
     whitened = np.linalg.solve(covariances, scatter.squares)
     size = np.trace(whitened, axis1=-2, axis2=-1)
-    shape, used = _likelihood_ratios(np.asarray(whitened), nu, d)
+    used = nu >= 2 * d  # with less freedom the likelihood ratio is not χ² even with Bartlett's factor
+    safe = np.where(used[:, None, None], whitened / nu[:, None, None], np.eye(d))
+    ratio = nu * (np.trace(safe, axis1=-2, axis2=-1) - np.linalg.slogdet(safe)[1] - d)
+    shape = np.maximum(ratio * (1 - (2 * d * d + 3 * d - 1) / (6 * nu * (d + 1))), 0.0)
     p_size, p_shape = _two_sided(size, nu * d), np.where(used, chdtrc(d * (d + 1) / 2, shape), np.nan)
     least = np.where(used, 2 * np.fmin(p_size, p_shape), p_size)  # two tests where there are two
     false = holm_rejections(list(least))
@@ -171,18 +175,6 @@ def scatter_test(scatter: Scatter, covariances: Array, lines: Codes) -> ScatterT
         p_shape=float(chdtrc(many * d * (d + 1) / 2, shape[used].sum())) if many else float("nan"),
         poses=poses,
     )
-
-
-def _likelihood_ratios(whitened: Array, nu: Array, d: int) -> tuple[Array, Mask]:
-    """Statistics (G,) of the test of size and shape with Bartlett's factor, and where it holds (G,).
-
-    whitened (G, d, d) ``C⁻¹ A``; nu: (G,) degrees of freedom.
-    """
-    # 2 freedom per dimension: with less the likelihood ratio is not χ² even with Bartlett's factor
-    used = nu >= 2 * d
-    safe = np.where(used[:, None, None], whitened / nu[:, None, None], np.eye(d))
-    ratio = nu * (np.trace(safe, axis1=-2, axis2=-1) - np.linalg.slogdet(safe)[1] - d)
-    return np.maximum(ratio * (1 - (2 * d * d + 3 * d - 1) / (6 * nu * (d + 1))), 0.0), used
 
 
 def _two_sided(value: Array | float, freedom: Array | float) -> Array:
@@ -223,30 +215,20 @@ def predict_scatter(
     groups (G,) cases of one code are left out together; stated (G, d, d) covariances that the problem file states [m²],
     if it does; instrument: where the search for the instrument's σ starts [m].
     """
-    parts = _fold_parts(groups)
-    if len(parts) < 2:
+    codes = np.random.default_rng(0).permutation(np.unique(groups))
+    if len(codes) < 2:
         return ()
     found: dict[str, Array] = {}
-    for left_out in parts:
-        train = scatter.take(np.setdiff1d(np.arange(len(groups)), left_out))
-        test = scatter.take(left_out)
+    for part in np.array_split(codes, min(5, len(codes))):
+        own = np.isin(groups, part)
+        train, test = scatter.take(np.flatnonzero(~own)), scatter.take(np.flatnonzero(own))
         models = _scatter_models(train, test, names, instrument)
         if stated is not None:
-            models["stated"] = stated[left_out]
+            models["stated"] = stated[own]
         for name, covariance in models.items():
-            found.setdefault(name, np.full(len(groups), np.nan))[left_out] = test.log_likelihoods(covariance)
-    return tuple(
-        _held_out(name, values, found["round"], scatter.freedom, groups)
-        for name, values in found.items()
-        if not np.isnan(values).any()
-    )
-
-
-def _fold_parts(groups: Codes) -> list[Codes]:
-    names = np.random.default_rng(0).permutation(np.unique(groups))
-    if len(names) < 2:
-        return []
-    return [np.flatnonzero(np.isin(groups, part)) for part in np.array_split(names, min(5, len(names)))]
+            found.setdefault(name, np.full(len(groups), np.nan))[own] = test.log_likelihoods(covariance)
+    known = {name: values for name, values in found.items() if not np.isnan(values).any()}
+    return tuple(_held_out(name, v, found["round"], scatter.freedom, groups) for name, v in known.items())
 
 
 def _scatter_models(train: Scatter, test: Scatter, names: tuple[str, ...], instrument: float) -> dict[str, Array]:
@@ -255,17 +237,10 @@ def _scatter_models(train: Scatter, test: Scatter, names: tuple[str, ...], instr
     variance = float(np.trace(train.squares, axis1=-2, axis2=-1).sum()) / float(train.freedom.sum() * d)
     models = {"round": np.broadcast_to(variance * np.eye(d), test.squares.shape)}
     for name, equal in (("joints", False), ("one_sigma", True)):
-        noise = _fitted_variances(train, names, instrument, equal)
-        if noise is not None:
+        with suppress(InsufficientDataError):
+            noise = fit_joint_variances(train, names, instrument, True, equal, intervals=False)
             models[name] = noise.covariance(test.columns) + test.known
     return models
-
-
-def _fitted_variances(train: Scatter, names: tuple[str, ...], instrument: float, equal: bool) -> JointVariances | None:
-    try:
-        return fit_joint_variances(train, names, instrument, True, equal, intervals=False)
-    except InsufficientDataError:
-        return None
 
 
 def _held_out(name: str, values: Array, rival: Array, freedom: Array, groups: Codes) -> ScatterPrediction:

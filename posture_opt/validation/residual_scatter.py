@@ -43,58 +43,36 @@ class ScatterLimit:
 def scatter_limit(
     problem: ProblemData, calibration: Calibration, fixed: Mapping[str, float], fitted: Array | None = None
 ) -> ScatterLimit | None:
-    """The limit by repeats where there are enough, else by what is stated; ``None`` where nothing determines it.
+    """The limit by repeats where there are enough, else by the file's scatter or the data sheet (ISO 9283).
 
-    fitted (m, d) errors of the kept rows by the arm fitted to all of them [m]; the calibration's by default.
+    fixed: σ of joints that is known already. fitted: (m, d) errors of the kept rows by the arm fitted to all of them
+    [m]; the calibration's by default.
     """
-    return _by_repeats(problem, calibration, fixed, fitted) or _as_stated(problem)
-
-
-def _as_stated(problem: ProblemData) -> ScatterLimit | None:
-    sources = problem.sources
+    kept = calibration.residuals.take(calibration.kept_rows)
+    contrasts, names = Contrasts.of(kept.data, prismatic_joints(kept)), joint_errors(problem.robot)
+    errors = kept.error(calibration.x)[:, kept.axes] if fitted is None else fitted
+    # Contrasts have the variance of several readings: scaled to that of one.
+    scale = 1 / np.sqrt(contrasts.reading)
+    e = contrasts.differences(errors) * scale[:, None]
+    stated, sought = position_sigma(problem, kept.data), [name for name in names if name not in fixed]
+    if len(contrasts) * len(kept.axes) >= MIN_FREEDOM and rms(e) > 0 and sought:
+        columns = contrasts.means(joint_columns(kept, calibration.x)) * scale[:, None, None]
+        loud = columns * np.array([fixed.get(name, 0.0) for name in names])
+        own, known = columns[:, :, [name in sought for name in names]], loud @ np.swapaxes(loud, -1, -2)
+        noise = likeliest_variances(e, known, own, tuple(sought), stated or rms(e), fit=not stated)
+        if noise is not None:
+            sigma = dict(zip(noise.names, map(float, noise.sigma), strict=True))
+            return ScatterLimit(sigma | dict(fixed), f"as {len(contrasts)} differences between repeats show it", True)
+    sources, sheet = problem.sources, problem.robot.repeatability
     total = dict(zip(sources.names, map(float, np.sqrt(np.diag(sources.scatter))), strict=True))
-    stated = {name: s for name, s in total.items() if s > 0}
-    if stated:
-        return ScatterLimit(stated, "as the file states it")
-    sheet = problem.robot.repeatability
+    said = {name: s for name, s in total.items() if s > 0}
+    if said:
+        return ScatterLimit(said, "as the file states it")
     if sheet is None:
         return None
     found = joint_sigmas(problem.robot, sheet.value)
     sigma = dict(zip(found.names, map(float, found.sigma), strict=True))
     return ScatterLimit(sigma, "as the data sheet allows")
-
-
-def _by_repeats(
-    problem: ProblemData, calibration: Calibration, fixed: Mapping[str, float], fitted: Array | None
-) -> ScatterLimit | None:
-    """The limit by differences between repeats of one posture; None where they are too few.
-
-    The difference of two readings of one repeat has ``2σ²``, so contrasts are scaled by `Contrasts.reading` to the
-    variance of one reading before joints are estimated from them.
-    """
-    kept = calibration.residuals.take(calibration.kept_rows)
-    contrasts = Contrasts.of(kept.data, prismatic_joints(kept))
-    if len(contrasts) * len(kept.axes) < MIN_FREEDOM:
-        return None
-    errors = kept.error(calibration.x)[:, kept.axes] if fitted is None else fitted
-    scale = 1 / np.sqrt(contrasts.reading)
-    e = contrasts.differences(errors) * scale[:, None]
-    columns = contrasts.means(joint_columns(kept, calibration.x)) * scale[:, None, None]
-    names = joint_errors(problem.robot)
-    given = np.array([fixed.get(name, 0.0) for name in names])
-    loud, sought = columns * given, np.array([name not in fixed for name in names])
-    stated = position_sigma(problem, kept.data)
-    size = rms(e)
-    if not size > 0 or not sought.any():
-        return None
-    noise = likeliest_variances(
-        e, loud @ np.swapaxes(loud, -1, -2), columns[:, :, sought],
-        tuple(name for name, one in zip(names, sought, strict=True) if one), stated or size, fit=not stated,
-    )  # fmt: skip
-    if noise is None:
-        return None
-    sigma = dict(zip(noise.names, map(float, noise.sigma), strict=True))
-    return ScatterLimit(sigma | dict(fixed), f"as {len(contrasts)} differences between repeats show it", True)
 
 
 def residual_scatter(
@@ -117,18 +95,19 @@ def residual_scatter(
         note, instrument = "effects say all scatter of the joints", position_sigma(problem, calibration.residuals.data)
         sigma = {name: s for name, s in fixed.items() if s > 0}
         return _with_effects(JointScatter(sigma, instrument, True, note), said, added=False)
-    found = _from_data(problem, calibration, fixed)
-    if found is None:
+    noise, given = _from_data(problem, calibration, fixed)
+    if noise is None:
         return stated
-    noise, given = found
-    if stated.sigma and _is_compatible(noise, stated.sigma):
+    upper = dict(zip(noise.names, noise.interval[:, 1], strict=True))
+    compatible = all(sigma <= upper.get(name, math.inf) for name, sigma in stated.sigma.items())
+    if stated.sigma and compatible and not noise.interval[:, 0].any():
         return stated
     sigma = {name: float(s) for name, s in zip(noise.names, noise.sigma, strict=True) if s > 0} | fixed
     if not sigma:
         return JointScatter({}, noise.instrument, True, "no scatter of the joints is seen behind the instrument's")
-    source = (
-        "the instrument as stated" if given else f"the instrument, {noise.instrument * 1e3:.3g} mm, from the data too"
-    )
+    source = "the instrument as stated"
+    if not given:
+        source = f"the instrument, {noise.instrument * 1e3:.3g} mm, from the data too"
     limit = scatter_limit(problem, calibration, fixed, fitted)
     total = JointScatter(sigma, noise.instrument, True, f"what the calibration leaves of the errors ({source})")
     return _with_effects(_split_scatter(total, fixed, limit), said, added=False)
@@ -152,9 +131,8 @@ def _with_effects(scatter: JointScatter, said: Mapping[str, float], added: bool 
     if not said:
         return scatter
     note = f"{scatter.note}; that of {', '.join(said)} is listed under effects"
-    return replace(
-        scatter, sigma=added_in_quadrature(scatter.sigma, said) if added else scatter.sigma, of_effects=said, note=note
-    )
+    sigma = added_in_quadrature(scatter.sigma, said) if added else scatter.sigma
+    return replace(scatter, sigma=sigma, of_effects=said, note=note)
 
 
 def unseen_errors(calibration: Calibration) -> tuple[Array, Array, Codes]:
@@ -174,27 +152,23 @@ def unseen_errors(calibration: Calibration) -> tuple[Array, Array, Codes]:
 
 def _from_data(
     problem: ProblemData, calibration: Calibration, fixed: Mapping[str, float]
-) -> tuple[JointVariances, bool] | None:
+) -> tuple[JointVariances | None, bool]:
+    """The likeliest scatter of the joints whose own is not ``fixed``, and whether the instrument's was given."""
     errors, known, rows = unseen_errors(calibration)
     columns, names = joint_columns(calibration.residuals.take(rows), calibration.x), joint_errors(problem.robot)
     still = np.array([name in fixed for name in names])
     loud = columns[:, :, still] * np.array([fixed[name] for name in names if name in fixed])
     known = known + loud @ np.swapaxes(loud, -1, -2)
     columns, names = columns[:, :, ~still], tuple(name for name in names if name not in fixed)
-    stated = position_sigma(problem, calibration.residuals.data)
-    size = rms(errors)
-    # 0.3 of the instrument's standard deviation
+    stated, size = position_sigma(problem, calibration.residuals.data), rms(errors)
+    # Below 0.3 of its σ data are better than their instrument: made up, or the instrument is another one.
     if size <= 0.3 * stated or not size > 0:
-        return None  # better than their instrument: made up, or the instrument is another one
-    if stated:
-        noise = likeliest_variances(errors, known, columns, names, stated, fit=False)
-        return (noise, True) if noise is not None else None
-    noise = likeliest_variances(errors, known, columns, names, size, fit=True)
-    # 0.5 of a standard deviation: with a larger standard error the data do not determine it
-    if noise is None or not noise.sigma.any() or not noise.instrument_std < 0.5 * noise.instrument:
+        return None, bool(stated)
+    noise = likeliest_variances(errors, known, columns, names, stated or size, fit=not stated)
+    if not stated and (noise is None or not noise.sigma.any() or not noise.instrument_std < 0.5 * noise.instrument):
         # The instrument's σ is not stated, and the data do not separate it from the joints: all of it is theirs.
         noise = likeliest_variances(errors, known, columns, names, 0.0, fit=False)
-    return (noise, False) if noise is not None else None
+    return noise, bool(stated)
 
 
 def covariance_under(calibration: Calibration, scatter: JointScatter, without: Codes | None = None) -> Array:
@@ -242,9 +216,3 @@ def _inverse_without_rows(A: Array, rows: Residuals, x: Array) -> Array:
     G = reduced.T @ reduced
     added = np.linalg.solve(np.eye(len(G)) * (1 + 1e-9) - G, G)  # a direction that no other row sees stays finite
     return np.asarray(A + S @ ((added + added.T) / 2) @ S.T)
-
-
-def _is_compatible(noise: JointVariances, stated: Mapping[str, float]) -> bool:
-    nothing = not noise.interval[:, 0].any()
-    upper = dict(zip(noise.names, noise.interval[:, 1], strict=True))
-    return nothing and all(sigma <= upper.get(name, math.inf) for name, sigma in stated.items())
