@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from posture_opt import Diagnosis, Measurements
     from posture_opt.diagnosis.causes.causes import Finding
     from posture_opt.diagnosis.causes.sessions import Gain, SecondSession
-    from posture_opt.diagnosis.diagnosis import Diagnosis
     from posture_opt.diagnosis.discrimination_plan import DiscriminationPlan
     from posture_opt.diagnosis.measured_goals import Choice, MeasuredGoals
 

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from posture_opt.report.scene.arm_view import ArmView
     from posture_opt.selection.maps.map_points import Grid
     from posture_opt.selection.problem_data import ProblemData
-    from posture_opt.validation.measured_errors import MeasuredErrors
+    from posture_opt.validation.accuracy_map import MeasuredErrors
 
 
 _OWN = "At the position in the problem"

@@ -40,7 +40,8 @@ if TYPE_CHECKING:
     from posture_opt import MeasurementPlan, Recheck
     from posture_opt.changes.hypotheses import Visibility
     from posture_opt.changes.what_changed import LikelyChange
-    from posture_opt.experiments.expected_errors import ExpectedErrors
+    from posture_opt.experiments.information import ExpectedErrors
+    from posture_opt.experiments.measurement_plan import MeasurementPlan
 
 _MAX_ROWS = 60
 _UNKNOWN = "unknown"
