@@ -15,9 +15,9 @@ import casadi as ca
 
 from posture_opt.model.steps import Steps
 
-LANES = 8
-"""Rows side by side: two vectors of AVX2, four of SSE2; 32 are no faster, and the block fits the first cache."""
+LANES = 8  # Rows side by side: two vectors of AVX2, four of SSE2; 32 are no faster, and the block fits the first cache
 
+# CasADi's operation -> C text of it; an operation that is missing here is a defect
 _OPERATIONS = {
     ca.OP_ADD: "{0} + {1}", ca.OP_SUB: "{0} - {1}", ca.OP_MUL: "{0} * {1}", ca.OP_DIV: "{0} / {1}",
     ca.OP_ASSIGN: "{0}", ca.OP_NEG: "-{0}", ca.OP_SQ: "{0} * {0}", ca.OP_TWICE: "2.0 * {0}", ca.OP_INV: "1.0 / {0}",
@@ -33,8 +33,8 @@ _OPERATIONS = {
     ca.OP_TANH: "tanh({0})", ca.OP_SINH: "sinh({0})", ca.OP_COSH: "cosh({0})", ca.OP_ERF: "erf({0})",
     ca.OP_LOG1P: "log1p({0})", ca.OP_EXPM1: "expm1({0})",
 }  # fmt: skip
-"""CasADi's operation -> C text of it; an operation that is missing here is a defect."""
 
+# C text of the sines and cosines of many angles; its comment has method and sources
 _SINES = """
 /* Sines and cosines of many angles without branches: Cody and Waite's reduction by pi/2 in three parts, then the
  * polynomials of fdlibm (Sun Microsystems, 1993, k_sin.c and k_cos.c). Right to 2e-16 for angles below a million; for
@@ -70,7 +70,6 @@ PO_CLONES static void po_sines(const double* restrict x, double* restrict s, dou
   }
 }
 """
-"""C text of the sines and cosines of many angles; its comment has method and sources."""
 
 # GCC on x86-64 and Linux: a second version for processors with AVX2, chosen when the program starts. Neither has fused
 # multiply-add, so both give the same digits.
@@ -115,13 +114,7 @@ class CFunction:
 
 
 def one_text(steps: Steps, face: CFunction, shared: bool) -> str:
-    """The C text of the function for one row.
-
-    Args:
-        steps: the expression graph.
-        face: name, inputs and outputs.
-        shared: whether outputs use what the ones before them have computed; else each is computed alone.
-    """
+    """The C text of the function for one row."""
     writer = _Writer(steps, tuple(key for key, _ in face.inputs), 1)
     lines = [*writer.turns(), *(writer.chained(face.keys) if shared else writer.alone(face.keys))]
     ignored = [f"  (void){key};" for key, _ in face.inputs]
@@ -135,8 +128,7 @@ def preamble_text(steps: Steps) -> str:
 
 def rows_text(steps: Steps, face: CFunction) -> str:
     """The C text of the function for many rows, `LANES` of them at a time; a block that is not full repeats its last
-    row.
-    """
+    row."""
     writer = _Writer(steps, tuple(key for key, _ in face.inputs), LANES)
     every = [*face.inputs, *face.outputs]
     inputs = [f"const double* restrict {key}" for key, _ in face.inputs]
@@ -160,17 +152,11 @@ def rows_text(steps: Steps, face: CFunction) -> str:
 
 @dataclass(frozen=True)
 class _Writer:
-    """Lines of C for steps; names of its own end in an underscore, so that arguments may have any that do not.
+    """Lines of C for steps; names of its own end in an underscore, so that arguments may have any that do not."""
 
-    Args:
-        steps: the expression graph.
-        inputs: names of the input arrays.
-        lanes: rows side by side; 1 for a function of one row.
-    """
-
-    steps: Steps
-    inputs: tuple[str, ...]
-    lanes: int
+    steps: Steps  # the expression graph
+    inputs: tuple[str, ...]  # names of the input arrays
+    lanes: int  # rows side by side; 1 for a function of one row
 
     def turns(self) -> Iterator[str]:
         """Lines that fill the sines and cosines of all angles, a round at a time."""
@@ -235,7 +221,6 @@ class _Writer:
         return f"for (int l_ = 0; l_ < {self.lanes}; ++l_) " if self.lanes > 1 else ""
 
     def place(self, entry: int) -> str:
-        """The index of an entry in an array in which the lanes of one entry are neighbours."""
         return f"{entry * self.lanes} + l_" if self.lanes > 1 else str(entry)
 
 

@@ -10,11 +10,9 @@ PARALLEL_AXES_RAD = math.radians(10.0)  # below, `d` and `a` can no longer follo
 
 
 def is_fitted(robot: Robot, name: str) -> bool:
-    """Whether a parameter ``JOINT.LAST`` of the geometry is a candidate: not where another one does the same.
-
-    ``beta`` is one only between nearly parallel axes (Hayati, Mirmirani 1985); a joint with an origin of six has no
-    offset of its own.
-    """
+    """Whether a parameter ``JOINT.LAST`` of the geometry is a candidate: not where another one does the same. ``beta``
+    is one only between nearly parallel axes (Hayati, Mirmirani 1985); a joint with an origin of six has no offset of
+    its own."""
     joint, _, last = name.rpartition(".")
     parameters = robot.parameters
     index = robot.joint_names.index(joint) if joint in robot.joint_names else -1

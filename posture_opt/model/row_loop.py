@@ -14,6 +14,7 @@ from posture_opt.model.c_source import c_text, row_function
 from posture_opt.model.compiled import library_of
 from posture_opt.numerics import Array
 
+# C text that opens and closes the working memory of a generated function
 _MEMORY_C = """
 #include <math.h>
 #include <stdlib.h>
@@ -32,26 +33,13 @@ static int po_open(po_memory* m, po_sizes work) {
   return m->arg && m->res && m->iw && m->w;
 }
 """
-"""C text that opens and closes the working memory of a generated function."""
 
 
 class RowLoop:
-    """``long long posture_opt_loop(…)`` of a C text that may call the functions given, by their names.
-
-    The text has ``po_memory`` with ``po_open(&memory, NAME_work)`` and ``po_close``; a function is called by
-    ``NAME(memory.arg, memory.res, memory.iw, memory.w, 0)``. Loops run without Python's lock.
-
-    Args:
-        functions: by name; all inputs and outputs are dense.
-        text: C99.
-        compiled: None compiles where a C compiler is found; False never; True or an error.
-
-    Attributes:
-        compiled: whether there is anything to call; where not, the caller has a loop of its own.
-
-    Raises:
-        InputError: ``compiled=True`` and nothing could be compiled.
-    """
+    """``long long posture_opt_loop(…)`` of a C text that may call the functions given, by their names. The text has
+    ``po_memory`` with ``po_open(&memory, NAME_work)`` and ``po_close``; a function is called by ``NAME(memory.arg,
+    memory.res, memory.iw, memory.w, 0)``. Loops run without Python's lock. functions: by name; all inputs and outputs
+    are dense; text: C99; compiled: None compiles where a C compiler is found; False never; True or an error."""
 
     def __init__(self, functions: Mapping[str, casadi.Function], text: str, compiled: bool | None) -> None:
         whole = _MEMORY_C + text
@@ -66,14 +54,8 @@ class RowLoop:
         self.compiled: bool = self._library is not None
 
     def __call__(self, *arguments: Array | int | float) -> int:
-        """Run the loop: C-contiguous arrays of doubles are passed by address and written to, numbers by value.
-
-        Returns:
-            What the loop returns, zero or more.
-
-        Raises:
-            MemoryError: the loop returned a negative number.
-        """
+        """Run the loop: C-contiguous arrays of doubles are passed by address and written to, numbers by value. Returns
+        what the loop returns, zero or more."""
         assert self._library is not None
         returned = int(self._library.handle.posture_opt_loop(*map(_c_argument, arguments)))
         if returned < 0:
@@ -82,7 +64,6 @@ class RowLoop:
 
 
 def _c_argument(argument: Array | int | float) -> Any:
-    """The address of an array, or a number, as C takes it."""
     if isinstance(argument, np.ndarray):
         assert argument.dtype == np.float64
         assert argument.flags.c_contiguous

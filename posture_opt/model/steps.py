@@ -8,37 +8,25 @@ from functools import cached_property
 
 import casadi as ca
 
-SINE_OPERATIONS = (ca.OP_SIN, ca.OP_COS)
-"""Operations that C text computes for many angles at once."""
+SINE_OPERATIONS = (ca.OP_SIN, ca.OP_COS)  # Operations that C text computes for many angles at once
 
 
 @dataclass(frozen=True)
 class Step:
-    """One operation of CasADi on the results of earlier steps.
+    """One operation of CasADi on the results of earlier steps."""
 
-    Args:
-        operation: CasADi's code of it, ``ca.OP_…``.
-        arguments: numbers of the steps that it works on.
-        value: of a constant; ``entry``: of an input, which one and which of its entries.
-    """
-
-    operation: int
-    arguments: tuple[int, ...] = ()
-    value: float = 0.0
+    operation: int  # CasADi's code of it, ca.OP_…
+    arguments: tuple[int, ...] = ()  # numbers of the steps that it works on
+    value: float = 0.0  # of a constant; entry: of an input, which one and which of its entries
     entry: tuple[int, int] = (0, 0)
 
 
 @dataclass(frozen=True, eq=False)
 class Steps:
-    """The steps of an SX function with dense outputs.
+    """The steps of an SX function with dense outputs."""
 
-    Args:
-        steps: (k,) in an order in which they can be done; no two are equal.
-        outputs: of every output, the step of each of its entries, column by column.
-    """
-
-    steps: tuple[Step, ...]
-    outputs: tuple[tuple[int, ...], ...]
+    steps: tuple[Step, ...]  # (k,) in an order in which they can be done; no two are equal
+    outputs: tuple[tuple[int, ...], ...]  # of every output, the step of each of its entries, column by column
 
     @classmethod
     def of(cls, function: ca.Function) -> Steps:
@@ -62,12 +50,7 @@ class Steps:
         return cls(tuple(written), tuple(map(tuple, outputs)))
 
     def needed(self, wanted: Iterable[int], known: frozenset[int] = frozenset()) -> list[int]:
-        """The steps that the wanted ones follow from, in order.
-
-        Args:
-            wanted: numbers of steps.
-            known: steps that have been computed already, and are not followed further.
-        """
+        """The steps that the wanted ones follow from, in order."""
         found: set[int] = set()
         waiting = [k for k in wanted if k not in known]
         while waiting:
@@ -79,9 +62,8 @@ class Steps:
 
     @cached_property
     def angles(self) -> tuple[tuple[int, ...], ...]:
-        """The steps whose sine or cosine is taken, in rounds: an angle depends on sines and cosines of earlier
-        rounds alone.
-        """
+        """The steps whose sine or cosine is taken, in rounds: an angle depends on sines and cosines of earlier rounds
+        alone."""
         depth: list[int] = []
         rounds: list[dict[int, None]] = []
         for step in self.steps:

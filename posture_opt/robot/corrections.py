@@ -13,19 +13,10 @@ from posture_opt.units import parse_quantity
 
 
 def corrected(robot: Robot, corrections: Mapping[str, object]) -> Robot:
-    """The arm whose named parameters lie off their nominal values by quantities such as ``"0.12 deg"``.
-
-    ``value = nominal + correction`` for every named factor. The limits stay those of the joint variables as they are
-    commanded: an offset of a joint moves the arm, not what its controller allows.
-
-    Args:
-        robot: the nominal arm.
-        corrections: parameter name -> text with a unit, as in ``robot.corrections`` of the problem file.
-
-    Raises:
-        InputError: parameters that the robot lacks, values without a unit or of the wrong one; keys relative to the
-            robot's section.
-    """
+    """The arm whose named parameters lie off their nominal values by quantities such as ``"0.12 deg"``. ``value =
+    nominal + correction`` for every named factor. The limits stay those of the joint variables as they are commanded:
+    an offset of a joint moves the arm, not what its controller allows. corrections: parameter name -> text with a unit,
+    as in ``robot.corrections`` of the problem file."""
     if not corrections:
         return robot
     known = robot.parameters
@@ -39,14 +30,9 @@ def corrected(robot: Robot, corrections: Mapping[str, object]) -> Robot:
 
 
 def deviated(robot: Robot, values: Mapping[str, float], former: Mapping[str, float] | None = None) -> Robot:
-    """The arm whose named parameters lie off their values in ``robot`` by ``values`` [rad or m].
-
-    Args:
-        robot: the arm to start from, with its corrections, if any, in the nominal values already.
-        values: parameter name -> what is added to its value [rad or m].
-        former: corrections that ``robot`` has already: only the sum of both leans and shifts its axes, so that a
-            correction taken back leaves no ``skew`` or ``lift``.
-    """
+    """The arm whose named parameters lie off their values in ``robot`` by ``values`` [rad or m]. values: parameter name
+    -> what is added to its value [rad or m]; former: corrections that ``robot`` has already: only the sum of both leans
+    and shifts its axes, so that a correction taken back leaves no ``skew`` or ``lift``."""
 
     def moved(factors: tuple[Factor, ...]) -> tuple[Factor, ...]:
         return tuple(replace(f, nominal=f.nominal + values.get(f.parameter, 0.0)) for f in factors)
@@ -60,10 +46,7 @@ def deviated(robot: Robot, values: Mapping[str, float], former: Mapping[str, flo
 
 
 def _axis_displacement(robot: Robot, values: Mapping[str, float], kind: Literal["rotate", "translate"]) -> float:
-    """How far [rad or m] the axes can lie from the nominal ones: the sum of all corrections but the joints' own.
-
-    The base moves the arm as a whole, and the tool is where it is: neither leans an axis against another.
-    """
+    """How far [rad or m] the axes can lie from the nominal ones: the sum of all corrections but the joints' own."""
     inside = (factor for link in robot.links for factor in link)
     return math.fsum(abs(values.get(f.parameter, 0.0)) for f in inside if f.kind == kind and f.joint is None)
 
@@ -79,8 +62,7 @@ def _read_correction(name: str, given: object, factor: Factor, issues: list[Issu
 
 def name_issues(name: str, known: Iterable[str]) -> list[Issue]:
     """The issue about a parameter that the robot does not have, with the nearest of the same joint; empty for a known
-    name.
-    """
+    name."""
     every = list(known)
     if name in every:
         return []

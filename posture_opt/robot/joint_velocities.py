@@ -11,16 +11,8 @@ from posture_opt.units import parse_quantity
 
 
 def with_velocities(robot: Robot, given: Mapping[str, object]) -> Robot:
-    """The same robot with other largest speeds of some joints.
-
-    Args:
-        robot: as its format describes it, speeds of data sheet or URDF included.
-        given: joint name -> text with a unit, ``"120 deg/s"`` or, of a slide, ``"0.5 m/s"``.
-
-    Raises:
-        InputError: joints that the robot lacks, values without a unit or of the wrong one, or not above zero; keys
-            relative to the robot's section.
-    """
+    """The same robot with other largest speeds of some joints. given: joint name -> text with a unit, ``"120 deg/s"``
+    or, of a slide, ``"0.5 m/s"``."""
     if not given:
         return robot
     names = robot.joint_names
@@ -38,7 +30,6 @@ def with_velocities(robot: Robot, given: Mapping[str, object]) -> Robot:
 
 
 def _driven(joint: Joint, given: object, issues: list[Issue]) -> Joint:
-    """The joint with the speed that a text states; as it was, and an issue, where that is none."""
     try:
         speed = parse_quantity(given, "angular velocity" if joint.type == "revolute" else "velocity")
         if not speed > 0:

@@ -87,11 +87,7 @@ class PresetRobot(RobotFormat):
     name: str = Field(description="of the preset: `optimize-posture list` has them")
 
     def nominal(self, folder: Path) -> Robot:
-        """The preset in numbers; ``folder`` is not needed.
-
-        Raises:
-            InputError: no preset has this name.
-        """
+        """The preset in numbers; ``folder`` is not needed."""
         robot = load_preset(self.name)
         given = self.model_fields_set
         if "base" in given:
@@ -105,11 +101,7 @@ class PresetRobot(RobotFormat):
 
 
 def preset_text(name: str) -> str:
-    """The text of a preset's file.
-
-    Raises:
-        InputError: no preset has this name; the message offers the nearest.
-    """
+    """The text of a preset's file."""
     if name not in preset_names():
         hint = f"{presets_meant(name)} presets: {listed(preset_names())}".lstrip()
         raise InputError(Issue(f"there is no preset {as_given(name)}", ("name",), name, hint))
@@ -127,15 +119,7 @@ def presets_meant(word: str) -> str:
 
 @cache
 def load_preset(name: str) -> Robot:
-    """The preset ``name`` in numbers; its tool point is the flange. Each is read once in a process.
-
-    Raises:
-        InputError: no preset has this name; the message offers the nearest.
-
-    Example:
-        >>> load_preset("ur10e").n
-        6
-    """
+    """The preset ``name`` in numbers; its tool point is the flange. Each is read once in a process."""
     import yaml
 
     loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)

@@ -7,26 +7,14 @@ import re
 import unicodedata
 from collections.abc import Mapping
 
-_LEAST_LIKENESS = 0.6
-"""Ratio of difflib from which two names are alike, its own default."""
-_LEAST_LETTERS = 3
-"""A shorter word is in the title of nearly every arm."""
+_LEAST_LIKENESS = 0.6  # Ratio of difflib from which two names are alike, its own default
+_LEAST_LETTERS = 3  # A shorter word is in the title of nearly every arm
 
 
 def presets_like(word: str, titles: Mapping[str, str]) -> tuple[str, ...]:
     """The presets that a word may mean, the likeliest alone where one is: case, blanks, ``-`` and ``_`` do not count.
-
     In this order: the same name; a name with its maker in front; names that begin so, or whose titles contain it; the
-    name written most like it, sought in its own family (``kr120``: all ``kr…``), and the whole family where none is.
-
-    Args:
-        word: as it was typed.
-        titles: name of each preset -> its maker and type, "KUKA KR 210 R2700-2".
-
-    Example:
-        >>> presets_like("kr210", {"kr210_r2700": "KUKA KR 210 R2700-2", "ur10": "Universal Robots UR10"})
-        ('kr210_r2700',)
-    """
+    name written most like it, sought in its own family (``kr120``: all ``kr…``), and the whole family where none is."""
     asked = _plain(word)
     names = {_plain(name): name for name in titles}
     if asked in names:
@@ -44,10 +32,8 @@ def presets_like(word: str, titles: Mapping[str, str]) -> tuple[str, ...]:
 
 
 def _plain(name: str) -> str:
-    """Letters and digits of a name, in lower case and without accents."""
     return re.sub(r"[^a-z0-9]", "", unicodedata.normalize("NFKD", name).lower())
 
 
 def _letters(plain: str) -> str:
-    """What stands in front of the first digit: the family of an arm."""
     return re.split(r"\d", plain, maxsplit=1)[0]

@@ -12,14 +12,13 @@ from functools import cached_property
 from posture_opt.robot.urdf_tree import UrdfJoint, UrdfTree
 
 _FINGER_NAME = re.compile(r"finger|grip|jaw|knuckle|claw|thumb", re.IGNORECASE)
+# A wrist joint may be named after the gripper that it turns
 _WRIST_NAME = re.compile(r"roll|rotat|wrist|pitch|yaw|tilt", re.IGNORECASE)
-"""A wrist joint may be named after the gripper that it turns."""
+# Stroke of a finger: Franka hand 40 mm, WSG 50 55 mm; quills of SCARA robots and linear axes have 100 mm or more
 _MAX_FINGER_STROKE_M = 0.08
-"""Stroke of a finger: Franka hand 40 mm, WSG 50 55 mm; quills of SCARA robots and linear axes have 100 mm or more."""
+# Moving joints in front of a finger that is known by nothing but its stroke: so many give the arm its position
 _MIN_ARM_JOINTS = 3
-"""Moving joints in front of a finger that is known by nothing but its stroke: so many give the arm its position."""
-_SAME_RANGE_RATIO = 0.01
-"""Ranges of two fingers that are built alike differ by less."""
+_SAME_RANGE_RATIO = 0.01  # Ranges of two fingers that are built alike differ by less
 
 NAMED = "by its name"
 ALIKE = "beside another like it on the same link"
@@ -42,8 +41,7 @@ class Fingers:
 
     tree: UrdfTree
     base: str
-    reasons: Mapping[str, str] = field(init=False)
-    """Name of each of these joints -> why it is one."""
+    reasons: Mapping[str, str] = field(init=False)  # Name of each of these joints -> why it is one
 
     def __post_init__(self) -> None:
         found: dict[str, str] = {}
@@ -68,7 +66,6 @@ class Fingers:
 
     @cached_property
     def _moving(self) -> tuple[UrdfJoint, ...]:
-        """All joints behind the base that move."""
         found, open_links = [], [self.base]
         while open_links:
             below = self.tree.below(open_links.pop())
@@ -77,16 +74,13 @@ class Fingers:
         return tuple(found)
 
     def _links_before(self, joint: UrdfJoint) -> set[str]:
-        """The links from the base to the one that carries the joint."""
         return {self.base, *(before.child for before in self.tree.path(self.base, joint.parent))}
 
     def _arm_joints(self, joint: UrdfJoint) -> int:
-        """Number of moving joints in front of a joint."""
         return sum(before.type != "fixed" for before in self.tree.path(self.base, joint.parent))
 
     @cached_property
     def _behind(self) -> dict[str, tuple[UrdfJoint, ...]]:
-        """Name of each moving joint -> the moving joints behind it."""
         behind: dict[str, list[UrdfJoint]] = {joint.name: [] for joint in self._moving}
         for joint in self._moving:
             for before in self.tree.path(self.base, joint.parent):
@@ -96,7 +90,6 @@ class Fingers:
 
     @cached_property
     def _alike(self) -> frozenset[str]:
-        """Names of the joints of which another like them is on the same rigid body of the arm."""
         groups: dict[tuple[object, ...], list[UrdfJoint]] = defaultdict(list)
         for joint in self._moving:
             before = [link.child for link in self.tree.path(self.base, joint.parent) if link.type != "fixed"]
@@ -111,7 +104,6 @@ class Fingers:
         return frozenset(found)
 
     def _named(self, joint: UrdfJoint) -> bool:
-        """Whether a joint is named after a finger, and the first one of the arm is not."""
         moving = [before.name for before in self.tree.path(self.base, joint.parent) if before.type != "fixed"]
         return bool(moving) and _finger_named(joint.name) and not _finger_named(moving[0])
 
@@ -137,12 +129,10 @@ class Fingers:
 
 
 def _finger_named(name: str) -> bool:
-    """Whether a name is that of a finger or a gripper, and not that of a wrist which turns one."""
     return bool(_FINGER_NAME.search(name)) and not _WRIST_NAME.search(name)
 
 
 def _short_slide(joint: UrdfJoint) -> bool:
-    """Whether the joint slides, and not far."""
     return joint.type == "prismatic" and _range(joint) <= _MAX_FINGER_STROKE_M
 
 
@@ -152,6 +142,5 @@ def _range(joint: UrdfJoint) -> float:
 
 
 def _same_range(one: UrdfJoint, other: UrdfJoint) -> bool:
-    """Whether two joints move equally far."""
     a, b = _range(one), _range(other)
     return a == b or abs(a - b) <= _SAME_RANGE_RATIO * min(a, b)

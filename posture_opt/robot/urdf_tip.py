@@ -9,29 +9,21 @@ from posture_opt.errors import InputError, Issue, listed
 from posture_opt.robot.urdf_fingers import Fingers
 from posture_opt.robot.urdf_tree import UrdfJoint, UrdfTree
 
-FLANGE = "tool0"
-"""ROS-Industrial's name of the tool flange."""
+FLANGE = "tool0"  # ROS-Industrial's name of the tool flange
 _TOOL_NAME = re.compile(r"(^|_)(tool|tcp|eef?|end_effector|flange)(_link|_frame)?$", re.IGNORECASE)
-_MAX_LISTED_LINKS = 12
-"""Links that a message lists; hands have more leaves than a reader compares."""
+_MAX_LISTED_LINKS = 12  # Links that a message lists; hands have more leaves than a reader compares
 
 
 @dataclass(frozen=True)
 class ChosenTip:
-    """The end of a chain that the file leaves open.
+    """The end of a chain that the file leaves open."""
 
-    Args:
-        link: the last link of the chain.
-        fingers: joints that move fingers of a gripper behind it and are no part of the chain, each with the reason.
-        others: further links that the chain could end at.
-    """
-
-    link: str
+    link: str  # the last link of the chain
+    # joints that move fingers of a gripper behind it and are no part of the chain, each with the reason
     fingers: tuple[tuple[str, str], ...] = ()
-    others: tuple[str, ...] = ()
+    others: tuple[str, ...] = ()  # further links that the chain could end at
 
     def notes(self) -> tuple[str, ...]:
-        """What was assumed, where anything was."""
         if not self.fingers:
             return ()
         joints = listed([f"{joint} ({why})" for joint, why in self.fingers])
@@ -41,11 +33,7 @@ class ChosenTip:
 
 def chosen_tip(tree: UrdfTree, base: str) -> ChosenTip:
     """The last link behind ``base`` that carries no finger: the only one, else ``tool0``, else the only one that is
-    named after a tool.
-
-    Raises:
-        InputError: several such links, all of them listed with their joints, and the link that carries fingers.
-    """
+    named after a tool."""
     fingers = Fingers(tree, base)
     named = tuple((joint.name, fingers.reasons[joint.name]) for joint in fingers.first())
     leaves = fingers.leaves()
@@ -87,12 +75,10 @@ def _carrier_link(path: list[UrdfJoint], base: str) -> str:
 
 
 def _finger_links(paths: dict[str, list[UrdfJoint]], link: str, moving: list[str], base: str) -> str:
-    """The last links that a link carries by one moving joint, as one text."""
     return ", ".join(leaf for leaf in moving if _carrier_link(paths[leaf], base) == link)
 
 
 def _chain_words(path: list[UrdfJoint]) -> str:
-    """How many joints move on a path, and that it is not possible where one of them mimics another."""
     turning = [joint for joint in path if joint.type != "fixed"]
     mimics = [joint.name for joint in turning if joint.mimics]
     count = f"{len(turning)} {'joint' if len(turning) == 1 else 'joints'}"

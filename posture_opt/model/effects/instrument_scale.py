@@ -33,7 +33,6 @@ class InstrumentScale(SoleEffect):
 
     @property
     def omitted(self) -> str:
-        """Why no task is planned with it."""
         return "left out: it belongs to the instrument and not to the arm"
 
     @classmethod

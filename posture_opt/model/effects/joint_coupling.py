@@ -18,13 +18,10 @@ from posture_opt.numerics import TURN
 from posture_opt.robot.robot import Robot
 from posture_opt.units import plus_minus
 
+# Ratio from which a joint is carried along as a whole: no slack or bearing does that, but a gear or a controller does
 _CARRYING_RATIO = 0.5
-"""Ratio from which a joint is carried along as a whole: no slack or bearing does that, but a gear or a controller
-does.
-"""
 
-_WRIST_JOINTS = 3
-"""Joints of a wrist, whose motors may sit behind all of them."""
+_WRIST_JOINTS = 3  # Joints of a wrist, whose motors may sit behind all of them
 
 
 class JointCoupling(JointEffect):
@@ -63,7 +60,6 @@ class JointCoupling(JointEffect):
 
     @property
     def words(self) -> str:
-        """The cause in one clause."""
         if self.into == "slide":
             return f"{self.joint} slides as {self.follows} turns (coupling into a slide)"
         return f"{self.joint} is coupled to {self.follows}"
@@ -76,7 +72,6 @@ class JointCoupling(JointEffect):
         return Size(known.label, known.text, f" ({plus_minus(value, std, 1e3 * TURN, 'mm')} per revolution)")
 
     def inspect(self, robot: Robot) -> str:
-        """What couples the two joints."""
         if self.into == "slide":
             return (
                 f"ball-screw spline of {self.joint}: nuts and belts of screw and spline; in the controller, how the "
@@ -90,9 +85,7 @@ class JointCoupling(JointEffect):
 
     def plausible(self, robot: Robot) -> PlausibleRange | None:
         """Any ratio between neighbours and within the wrist, the last three joints, whose shafts run in each other.
-
-        None elsewhere.
-        """
+        None elsewhere."""
         names = robot.joint_names
         ends = sorted((names.index(self.joint), names.index(self.follows)))
         if ends[1] - ends[0] == 1 or ends[0] >= robot.n - _WRIST_JOINTS:
@@ -113,17 +106,12 @@ class JointCoupling(JointEffect):
 
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:
-        """All ordered pairs of moving revolute joints, and of each with each moving slide that may follow it."""
         names = case.moving("revolute")
         slides = [cls(joint=b, follows=a, into="slide") for a in names for b in case.moving("prismatic")]
         return [*(cls(joint=b, follows=a) for a in names for b in names if a != b), *slides]
 
     def check_robot(self, robot: Robot) -> None:
-        """Refuse joints that the robot lacks.
-
-        Raises:
-            BadValueError: one of the two is no joint, or the following one does not turn.
-        """
+        """Refuse joints that the robot lacks."""
         if self.follows not in robot.joint_names:
             raise BadValueError(
                 f"the robot has no joint '{self.follows}'", f"its joints: {', '.join(robot.joint_names)}"

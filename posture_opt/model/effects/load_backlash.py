@@ -30,7 +30,6 @@ class LoadBacklash(LostMotion):
     kind: Literal["load_backlash"] = "load_backlash"
 
     def acts(self, state: ArmState) -> bool:
-        """Whether the axis of the joint leans against the vertical in some posture."""
         return state.leaning(self.index(state)) > MIN_LEANING_SINE
 
     def features(self, state: ArmState, joint: int) -> tuple[Scalar, ...]:

@@ -10,8 +10,7 @@ from posture_opt.model.chain import ZERO, at_least, scale
 from posture_opt.model.effects.base.catalogue_entry import Input
 from posture_opt.model.effects.base.effect import Sensitivity, SoleEffect
 
-_LEAST_LOAD = 1e-6
-"""kg: from here on a row carries a payload."""
+_LEAST_LOAD = 1e-6  # kg: from here on a row carries a payload
 
 
 class ToolShift(SoleEffect):

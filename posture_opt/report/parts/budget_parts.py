@@ -14,7 +14,7 @@ from posture_opt.report.parts.parts import sigma_of
 from posture_opt.report.text.blocks import Block, Table
 from posture_opt.report.text.words import source_size, source_words
 from posture_opt.statements.notation import percent
-from posture_opt.uncertainty.spread.budget_groups import SHARE_TOLERANCE, ShareGroup
+from posture_opt.uncertainty.spread.budget import SHARE_TOLERANCE, ShareGroup
 
 if TYPE_CHECKING:
     from posture_opt.selection.problem_data import ProblemData

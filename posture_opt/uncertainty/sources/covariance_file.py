@@ -21,8 +21,7 @@ from posture_opt.robot.corrections import name_issues
 from posture_opt.units import NEGLIGIBLE, parse_quantity
 
 _HEADER_CELL = re.compile(r"^\s*(?P<name>[^\[\]]*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*$")
-_MAX_BYTES = 10_000_000
-"""Largest file; 500 named rows of 20 digits need half of it."""
+_MAX_BYTES = 10_000_000  # Largest file; 500 named rows of 20 digits need half of it
 
 
 def read_covariance(path: Path, dimensions: dict[str, str], text: str | None = None) -> tuple[tuple[str, ...], Array]:
@@ -66,13 +65,8 @@ def _without_rounding(covariance: Array) -> Array:
 
 
 def covariance_text(names: Sequence[str], covariance: Array, units: Sequence[str]) -> str:
-    """The text that ``read_covariance`` reads back.
-
-    Args:
-        names: (k,) of the parameters.
-        covariance: (k, k) [SI].
-        units: (k,) rad, mrad, m, mm or the SI unit of an effect, in which it is written.
-    """
+    """The text that ``read_covariance`` reads back. names: (k,) of the parameters; covariance: (k, k) [SI]; units: (k,)
+    rad, mrad, m, mm or the SI unit of an effect, in which it is written."""
     scale = [_scale_of(unit) for unit in units]
     rows = covariance / np.outer(scale, scale)
     title = csv_line(["name", *(f"{name} [{unit}]" for name, unit in zip(names, units, strict=True))])
@@ -81,13 +75,11 @@ def covariance_text(names: Sequence[str], covariance: Array, units: Sequence[str
 
 
 def _scale_of(unit: str) -> float:
-    """The SI value of a unit of this file: lengths, angles, and the SI units of effects."""
     known = {"rad": 1.0, "mrad": 1e-3, "m": 1.0, "mm": 1e-3}
     return known.get(unit, 1.0)
 
 
 def _file_rows(path: Path) -> list[tuple[int, list[str]]]:
-    """Line number and cells of every row that is not blank."""
     try:
         text = content(path, _MAX_BYTES).decode("utf-8-sig")
         if ";" not in text.partition("\n")[0]:
@@ -103,12 +95,10 @@ def _file_rows(path: Path) -> list[tuple[int, list[str]]]:
 
 
 def _filled_rows(reader: Any) -> list[tuple[int, list[str]]]:
-    """Line number and cells of the rows that are not blank."""
     return [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
 
 
 def _read_header(cells: Sequence[str], dimensions: dict[str, str]) -> tuple[list[str], list[float], list[Issue]]:
-    """Names, factors to SI units, and issues of the header without its first cell."""
     names: list[str] = []
     factors: list[float] = []
     issues: list[Issue] = []
@@ -131,7 +121,6 @@ def _read_header(cells: Sequence[str], dimensions: dict[str, str]) -> tuple[list
 
 
 def _unit_factor(name: str, unit: str | None, dimension: str, issues: list[Issue]) -> float:
-    """The SI value of a unit; 1 with an issue where it is none of the dimension."""
     if dimension == "ratio":
         if unit not in (None, "1"):
             issues.append(Issue(f"{name} is a ratio", (name,), unit, f"write {name} [1]"))
@@ -144,7 +133,6 @@ def _unit_factor(name: str, unit: str | None, dimension: str, issues: list[Issue
 
 
 def _place_of(name: str, place: str, known: Iterable[str]) -> KeyPath:
-    """The key of an issue: the name where it is one of a parameter, or is written like one, else where it is."""
     every = set(known)
     return (name if name in every or nearest(name, every) else place,)
 
@@ -152,11 +140,7 @@ def _place_of(name: str, place: str, known: Iterable[str]) -> KeyPath:
 def _read_body(
     rows: Sequence[tuple[int, list[str]]], names: Sequence[str], known: Iterable[str]
 ) -> tuple[Array, list[Issue]]:
-    """(k, k) the rows in the order of the columns, in the units of the file; issues where a row cannot be used.
-
-    Args:
-        known: names of parameters.
-    """
+    """(k, k) the rows in the order of the columns, in the units of the file; issues where a row cannot be used."""
     matrix = np.full((len(names), len(names)), math.nan)
     issues: list[Issue] = []
     for line, cells in rows:
@@ -183,7 +167,6 @@ def _read_body(
 
 
 def _finite_number(text: str) -> float | None:
-    """The number of a cell; None where it holds none that is finite."""
     try:
         value = float(text)
     except ValueError:
@@ -192,7 +175,6 @@ def _finite_number(text: str) -> float | None:
 
 
 def _asymmetry_issues(names: Sequence[str], matrix: Array) -> list[Issue]:
-    """The first pairs of entries that differ from each other by more than 1e-6 of the largest possible entry."""
     sigma = np.sqrt(np.abs(np.diag(matrix)))
     scale = np.outer(sigma, sigma)
     # 1e-6 of the largest possible entry: a file written with seven digits is symmetric.

@@ -21,28 +21,18 @@ Interval = tuple[float, float]
 
 @dataclass(frozen=True)
 class PositionPerformance:
-    """AP and RP of one commanded position, each with the interval in which sampling leaves the true value.
+    """AP and RP of one commanded position, each with the interval in which sampling leaves the true value."""
 
-    Args:
-        n: number of cycles (30 in the standard).
-        accuracy: AP, distance of the mean attained position from the commanded one [m].
-        accuracy_interval: from AP -+ t s / sqrt(n), s the deviation along the error, and from zero where Hotelling's
-            test does not separate the mean from the commanded position [m].
-        repeatability: RP = mean(l) + 3 S_l [m].
-        repeatability_interval: for Gaussian scatter of the sample's shape, by simulating the test itself [m].
-        mean_distance: mean(l) [m].
-        sd_distance: S_l, with n - 1 [m].
-        probability: that of the intervals.
-    """
-
-    n: int
-    accuracy: float
+    n: int  # number of cycles (30 in the standard)
+    accuracy: float  # AP, distance of the mean attained position from the commanded one [m]
+    # from AP -+ t s / sqrt(n), s the deviation along the error, and from zero where Hotelling's test does not separate
+    # the mean from the commanded position [m]
     accuracy_interval: Interval
-    repeatability: float
-    repeatability_interval: Interval
-    mean_distance: float
-    sd_distance: float
-    probability: float
+    repeatability: float  # RP = mean(l) + 3 S_l [m]
+    repeatability_interval: Interval  # for Gaussian scatter of the sample's shape, by simulating the test itself [m]
+    mean_distance: float  # mean(l) [m]
+    sd_distance: float  # S_l, with n - 1 [m]
+    probability: float  # that of the intervals
 
 
 @dataclass(frozen=True)
@@ -56,38 +46,19 @@ class OrientationPerformance:
 
 @dataclass(frozen=True)
 class RepeatabilitySampling:
-    """How RP of n cycles scatters about the RP of infinitely many, as ratios of the two.
+    """How RP of n cycles scatters about the RP of infinitely many, as ratios of the two."""
 
-    Args:
-        bias: mean of the ratio, minus one; below zero, as the mean position is fitted to the same cycles.
-        sd: standard deviation of the ratio.
-        interval: quantiles (1 - p) / 2 and (1 + p) / 2 of the ratio.
-    """
-
-    bias: float
-    sd: float
-    interval: Interval
+    bias: float  # mean of the ratio, minus one; below zero, as the mean position is fitted to the same cycles
+    sd: float  # standard deviation of the ratio
+    interval: Interval  # quantiles (1 - p) / 2 and (1 + p) / 2 of the ratio
 
 
 def position_performance(
     attained: ArrayLike, commanded: ArrayLike, p: float = 0.95, seed: int | None = None
 ) -> PositionPerformance:
-    """AP and RP of positions attained for one commanded position.
-
-    ``AP = |mean(x) - x_c|``, ``l_j = |x_j - mean(x)|``, ``RP = mean(l) + 3 S_l``, ``S_l`` with n - 1.
-
-    Args:
-        attained: (n, d) [m], d = 1, 2 or 3.
-        commanded: (d,) [m].
-        p: probability of the intervals.
-        seed: of the simulation behind the interval of RP.
-
-    Raises:
-        InputError: shapes that do not fit, or a number that is not finite.
-        InsufficientDataError: fewer than three cycles.
-
-    Source: ISO 9283:1998, 7.2.1 and 7.2.2.
-    """
+    """AP and RP of positions attained for one commanded position. ``AP = |mean(x) - x_c|``, ``l_j = |x_j - mean(x)|``,
+    ``RP = mean(l) + 3 S_l``, ``S_l`` with n - 1. Source: ISO 9283:1998, 7.2.1 and 7.2.2. attained: (n, d) [m], d = 1, 2
+    or 3; commanded: (d,) [m]."""
     accuracy, interval = position_accuracy(attained, commanded, p)
     x = _checked_cycles(attained)
     n, distance = len(x), np.linalg.norm(x - x.mean(axis=0), axis=1)
@@ -121,11 +92,7 @@ def position_accuracy(attained: ArrayLike, commanded: ArrayLike, p: float = 0.95
 
 
 def orientation_performance(attained: ArrayLike, commanded: float) -> OrientationPerformance:
-    """AP and RP of one angle (roll, pitch or yaw) attained n times [rad]; ISO 9283:1998, 7.2.1 and 7.2.2.
-
-    Raises:
-        InputError, InsufficientDataError: as `position_performance`.
-    """
+    """AP and RP of one angle (roll, pitch or yaw) attained n times [rad]; ISO 9283:1998, 7.2.1 and 7.2.2."""
     angles = _checked_cycles(np.asarray(attained, dtype=float).reshape(-1, 1))[:, 0]
     # Angles on both sides of pi are near to each other: count them from the commanded one.
     offset = np.mod(angles - commanded + math.pi, TURN) - math.pi
@@ -135,16 +102,9 @@ def orientation_performance(attained: ArrayLike, commanded: float) -> Orientatio
 def repeatability_sampling(
     covariance: ArrayLike, n: int = 30, p: float = 0.95, trials: int = 4000, seed: int | None = None
 ) -> RepeatabilitySampling:
-    """How far RP of n Gaussian cycles may lie from the RP of infinitely many, by simulating the test.
-
-    Args:
-        covariance: (d, d), only its shape matters.
-        n: cycles of one test.
-        trials: tests simulated; the ends of the interval are good to some ``2 / sqrt(trials)`` of its width.
-
-    Raises:
-        InputError: n < 3, or a covariance of zero.
-    """
+    """How far RP of n Gaussian cycles may lie from the RP of infinitely many, by simulating the test. covariance: (d,
+    d), only its shape matters; trials: tests simulated; the ends of the interval are good to some ``2 / sqrt(trials)``
+    of its width."""
     C = _checked_covariance(covariance)
     if n < 3 or not np.trace(C) > 0:
         raise InputError("repeatability needs three cycles or more, and some scatter")
@@ -159,21 +119,8 @@ def repeatability_sampling(
 
 
 def repeatability_from_covariance(covariance: ArrayLike) -> float:
-    """RP of a Gaussian point, ``E[l] + 3 sd[l]`` with ``l = |x - E x|`` [m].
-
-    Args:
-        covariance: (d, d) [m^2], d = 1, 2 or 3.
-
-    Raises:
-        InputError: not a square matrix of that size.
-
-    Source: ISO 9283:1998, 7.2.2, for infinitely many cycles.
-
-    Example:
-        >>> import numpy as np
-        >>> print(f"{repeatability_from_covariance(np.eye(3)):.5f}")
-        3.61609
-    """
+    """RP of a Gaussian point, ``E[l] + 3 sd[l]`` with ``l = |x - E x|`` [m]. Source: ISO 9283:1998, 7.2.2, for
+    infinitely many cycles. covariance: (d, d) [m^2], d = 1, 2 or 3."""
     return float(repeatabilities(_checked_covariance(covariance)[None])[0])
 
 
@@ -184,19 +131,11 @@ def repeatabilities(covariances: ArrayLike) -> Array:
 
 
 def distance_moments(covariances: ArrayLike) -> tuple[Array, Array]:
-    """Mean and standard deviation, (N,) each, of the length of zero-mean Gaussian vectors [m].
-
-    ``E l = 1 / (2 sqrt(pi)) Int_0^inf (1 - prod_i (1 + 2 t lambda_i)^(-1/2)) t^(-3/2) dt`` with the eigenvalues of
-    C; equally ``2 sqrt(2/pi) R_G(lambda)``, Carlson's elliptic integral. ``sd^2 = tr C - (E l)^2``.
-
-    Args:
-        covariances: (N, d, d) [m^2], d = 1, 2 or 3, positive semidefinite.
-
-    Raises:
-        InputError: another shape, or a number that is not finite.
-
-    Source: A. M. Mathai and S. B. Provost, Quadratic Forms in Random Variables (1992), 3.2b.
-    """
+    """Mean and standard deviation, (N,) each, of the length of zero-mean Gaussian vectors [m]. ``E l = 1 / (2 sqrt(pi))
+    Int_0^inf (1 - prod_i (1 + 2 t lambda_i)^(-1/2)) t^(-3/2) dt`` with the eigenvalues of C; equally ``2 sqrt(2/pi)
+    R_G(lambda)``, Carlson's elliptic integral. ``sd^2 = tr C - (E l)^2``. Source: A. M. Mathai and S. B. Provost,
+    Quadratic Forms in Random Variables (1992), 3.2b. covariances: (N, d, d) [m^2], d = 1, 2 or 3, positive
+    semidefinite."""
     C = np.asarray(covariances, dtype=float)
     if C.ndim != 3 or C.shape[1] != C.shape[2] or not 1 <= C.shape[1] <= 3 or not np.isfinite(C).all():
         raise InputError(f"finite covariances (N, d, d) with d = 1, 2 or 3 are wanted, not {C.shape}")
@@ -210,7 +149,6 @@ def distance_moments(covariances: ArrayLike) -> tuple[Array, Array]:
 
 
 def _mean_length(e2: Array, e3: Array) -> Array:
-    """E l for eigenvalues of sum one, given the sum of their products by two and their product."""
     # On a line the integral is sqrt(2 / pi). What other shapes add to it decays on both sides of t = 1, and in s = ln t
     # the trapezoid rule of step 1/2 is exact to 1e-17: the integrand has no pole nearer to the real axis than i pi.
     s = np.arange(-30.0, 40.0, 0.5)
@@ -234,7 +172,6 @@ def _accuracy_margin(covariance: Array, error: Array, n: int, p: float) -> float
 
 
 def _mere_scatter(covariance: Array, error: Array, n: int, p: float) -> bool:
-    """Whether Hotelling's test of size 1 - p does not reject a mean of zero."""
     d = len(error)
     if n <= d or np.linalg.matrix_rank(covariance, hermitian=True) < d:
         return False
@@ -242,12 +179,7 @@ def _mere_scatter(covariance: Array, error: Array, n: int, p: float) -> bool:
 
 
 def _checked_cycles(attained: ArrayLike) -> Array:
-    """(n, d) attained positions as floats.
-
-    Raises:
-        InputError: another shape, or a number that is not finite.
-        InsufficientDataError: fewer than three cycles.
-    """
+    """(n, d) attained positions as floats."""
     x = np.asarray(attained, dtype=float)
     if x.ndim != 2 or not 1 <= x.shape[1] <= 3 or not np.isfinite(x).all():
         raise InputError(f"finite attained positions (n, 3) are wanted, not {x.shape}")
@@ -257,11 +189,7 @@ def _checked_cycles(attained: ArrayLike) -> Array:
 
 
 def _checked_covariance(covariance: ArrayLike) -> Array:
-    """(d, d) a covariance as floats; a number is one on a line.
-
-    Raises:
-        InputError: not square.
-    """
+    """(d, d) a covariance as floats; a number is one on a line."""
     C = np.atleast_2d(np.asarray(covariance, dtype=float))
     if C.ndim != 2 or C.shape[0] != C.shape[1]:
         raise InputError(f"a square covariance is wanted, not {C.shape}")

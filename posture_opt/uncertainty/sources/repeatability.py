@@ -18,36 +18,20 @@ from posture_opt.units import ERROR_UNITS, number
 
 _MICROMETRES_BELOW_M = 1e-5
 
-_DRAWN_POSTURES = 400
-"""Postures, of which half are kept: their median RP is that of 40 000 to 1 % (UR10, Panda, SCARA)."""
-_HALF_RANGE_RAD = math.pi
-"""Half range of a revolute joint without limits."""
-_HALF_RANGE_M = 1.0
-"""The same of a prismatic joint."""
+_DRAWN_POSTURES = 400  # Postures, of which half are kept: their median RP is that of 40 000 to 1 % (UR10, Panda, SCARA)
+_HALF_RANGE_RAD = math.pi  # Half range of a revolute joint without limits
+_HALF_RANGE_M = 1.0  # The same of a prismatic joint
 
 
 def joint_sigmas(robot: Robot, repeatability: float, weights: Mapping[str, float] | None = None) -> Sources:
-    """Independent joint errors that scatter the tool point as much as the data sheet says.
-
-    Every joint j gets ``σ_j = s w_j ℓ_j``: ``w_j`` its weight, 1 unless given; ``ℓ_j`` 1 for revolute joints and,
-    for prismatic ones, the lever [m/rad] by which a revolute joint moves the tool point in the root mean square,
-    so that at equal weights a slide scatters the tool point as a turn does. The scale s makes the median of
-    ``RP = E l + 3 sd l``, l the length of ``N(0, J Σ Jᵀ)``, over stated postures the repeatability. To first order
-    RP is proportional to s, so one division finds it.
-
-    ISO 9283 measures five poses in a cube in the middle of the working space. They differ with every robot and
-    its user; :func:`matching_postures` take their place.
-
-    Args:
-        repeatability: RP [m] > 0.
-        weights: joint name -> weight ≥ 0; a joint of weight 0 is no source.
-
-    Raises:
-        InputError: a repeatability that is no positive number, unknown joints or negative weights, or weighted
-            joints that do not move the tool point.
-
-    Source: ISO 9283:1998, 7.2.2.
-    """
+    """Independent joint errors that scatter the tool point as much as the data sheet says. Every joint j gets ``σ_j = s
+    w_j ℓ_j``: ``w_j`` its weight, 1 unless given; ``ℓ_j`` 1 for revolute joints and, for prismatic ones, the lever
+    [m/rad] by which a revolute joint moves the tool point in the root mean square, so that at equal weights a slide
+    scatters the tool point as a turn does. The scale s makes the median of ``RP = E l + 3 sd l``, l the length of
+    ``N(0, J Σ Jᵀ)``, over stated postures the repeatability. To first order RP is proportional to s, so one division
+    finds it. ISO 9283 measures five poses in a cube in the middle of the working space. They differ with every robot
+    and its user; :func:`matching_postures` take their place. Source: ISO 9283:1998, 7.2.2. repeatability: RP [m] > 0;
+    weights: joint name -> weight ≥ 0; a joint of weight 0 is no source."""
     weights = dict(weights or {})
     _check_arguments(robot, repeatability, weights)
     postures = matching_postures(robot)
@@ -67,12 +51,9 @@ def joint_sigmas(robot: Robot, repeatability: float, weights: Mapping[str, float
 
 
 def matching_postures(robot: Robot) -> Array:
-    """(200, n) postures [rad or m]: of 400 spread evenly over the joint ranges the middle half by reach.
-
-    The additive recurrence fills the box of the joints evenly and is the same on every machine; reach is the
-    distance of the tool point from the first joint. Source: M. Roberts, The unreasonable effectiveness of
-    quasirandom sequences (2018).
-    """
+    """(200, n) postures [rad or m]: of 400 spread evenly over the joint ranges the middle half by reach. The additive
+    recurrence fills the box of the joints evenly and is the same on every machine; reach is the distance of the tool
+    point from the first joint. Source: M. Roberts, The unreasonable effectiveness of quasirandom sequences (2018)."""
     ratio = _plastic_number(robot.n)
     fraction = (0.5 + np.outer(np.arange(1, _DRAWN_POSTURES + 1), ratio ** -np.arange(1, robot.n + 1))) % 1.0
     lower, upper = np.array([_joint_range(joint) for joint in robot.joints]).T
@@ -94,8 +75,7 @@ def _plastic_number(n: int) -> float:
 
 def _joint_range(joint: Joint) -> tuple[float, float]:
     """(lower, upper) [rad or m] that postures are spread over: the limits, at most a turn, or a range where they are
-    open.
-    """
+    open."""
     half = _HALF_RANGE_RAD if joint.type == "revolute" else _HALF_RANGE_M
     if math.isfinite(joint.lower) and math.isfinite(joint.upper):
         if joint.type == "revolute" and joint.upper - joint.lower > 2 * half:
@@ -115,9 +95,7 @@ def _joint_columns(robot: Robot, postures: Array) -> Array:
 
 def _typical_lever(robot: Robot, columns: Array) -> float:
     """Root mean square of the shift of the tool point per radian of a revolute joint [m/rad]; 1 without one.
-
-    ``columns`` (n, N, 3) are those of `_joint_columns`.
-    """
+    ``columns`` (n, N, 3) are those of `_joint_columns`."""
     turning = [k for k, joint in enumerate(robot.joints) if joint.type == "revolute"]
     mean_square = float(np.mean(np.sum(columns[turning] ** 2, axis=-1))) if turning else 1.0
     return math.sqrt(mean_square) or 1.0
@@ -153,16 +131,10 @@ def _small_length(metres: float) -> str:
 
 
 def _has_both_types(robot: Robot) -> bool:
-    """Whether some joints turn and others slide."""
     return len({joint.type for joint in robot.joints}) > 1
 
 
 def _check_arguments(robot: Robot, repeatability: float, weights: Mapping[str, float]) -> None:
-    """Refuse a repeatability or weights that cannot be used.
-
-    Raises:
-        InputError: everything wrong at once.
-    """
     issues = []
     if not (math.isfinite(repeatability) and repeatability > 0):
         hint = "a data sheet gives for example 0.05 mm"

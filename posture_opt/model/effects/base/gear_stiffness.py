@@ -17,8 +17,8 @@ from posture_opt.model.arm_state import ArmState, Inputs
 from posture_opt.robot.joint_ranges import drawn_between
 from posture_opt.robot.robot import Factor, Joint, Robot
 
-_ARCMIN = np.pi / 180 / 60
-"""rad."""
+_ARCMIN = np.pi / 180 / 60  # rad
+# The gears by the torque that they are made for; above 265 N m joints have cycloidal gears
 CATALOGUE = (
     # size, rated torque [N m], torsional stiffness [N m/rad]
     ("CSF-8", 2.4, 910.0),
@@ -35,29 +35,21 @@ CATALOGUE = (
     ("RV-320E", 3136.0, 980 / _ARCMIN),
     ("RV-450E", 4410.0, 1176 / _ARCMIN),
 )
-"""The gears by the torque that they are made for; above 265 N m joints have cycloidal gears."""
 SOURCE = "Harmonic Drive, catalogue CSF and CSG; Nabtesco, catalogue RV-E"
+# How much softer a joint may be than its gear: bearings, housing or a belt in series, a ratio of 30 for 100
 _IN_SERIES = 4.0
-"""How much softer a joint may be than its gear: bearings, housing or a belt in series, a ratio of 30 for 100."""
+# Turn [rad] of a joint under the torque that its gear is rated for, at the most: 1.7 to 2.6 mrad of a strain-wave gear
+# by `CATALOGUE`, times `_IN_SERIES`
 LARGEST_TURN = 1e-2
-"""Turn [rad] of a joint under the torque that its gear is rated for, at the most: 1.7 to 2.6 mrad of a strain-wave gear
-by `CATALOGUE`, times `_IN_SERIES`."""
+# Mass of links that state none, per length: UR5 and UR10 have 15 to 20 kg/m, and less is on the safe side
 _KG_PER_M = 10.0
-"""Mass of links that state none, per length: UR5 and UR10 have 15 to 20 kg/m, and less is on the safe side."""
-_POSTURES = 200
-"""Random postures whose largest torque is that of the arm, to some percent."""
+_POSTURES = 200  # Random postures whose largest torque is that of the arm, to some percent
 
 
 def least_stiffness(robot: Robot, joint: int) -> float:
     """The stiffness [N m/rad] below which no joint with a gear is: that of the softest gear which carries its load.
-
     ``K1 / 4`` of the smallest gear of `CATALOGUE` whose rated torque is that of gravity on the joint, the largest of
-    all postures, with the payload of the file. A wrist that carries nothing has the smallest gear.
-
-    Args:
-        robot: with its masses; where they are not stated, links weigh 10 kg/m.
-        joint: index.
-    """
+    all postures, with the payload of the file. A wrist that carries nothing has the smallest gear."""
     load = _largest_torques(robot)[joint]
     soft = next((stiffness for _, rated, stiffness in CATALOGUE if rated >= load), CATALOGUE[-1][2])
     return soft / _IN_SERIES
@@ -79,6 +71,5 @@ def _length(link: tuple[Factor, ...]) -> float:
 
 
 def _with_mass(joint: Joint, length: float) -> Joint:
-    """The joint with the mass of its link: as stated, else `_KG_PER_M` at the end of the link."""
     known = np.isfinite([joint.mass, *joint.com]).all()
     return joint if known else replace(joint, mass=_KG_PER_M * length, com=(0.0, 0.0, 0.0))

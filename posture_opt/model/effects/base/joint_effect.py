@@ -20,17 +20,14 @@ from posture_opt.numerics import TURN
 from posture_opt.robot.robot import Robot
 from posture_opt.units import Angle, fixed, shown
 
+# Amplitude [rad] up to which new gears err: positional accuracy of 1 to 2 arcmin, peak to peak, in the catalogue
 CATALOGUE_AMPLITUDE = 0.3e-3
-"""Amplitude [rad] up to which new gears err: positional accuracy of 1 to 2 arcmin, peak to peak, in the catalogue."""
+# Amplitude [rad] of one cycle per revolution up to which a disc or a gear may be off its centre: 60 µm at a radius of
+# 20 mm. In more cycles three times `CATALOGUE_AMPLITUDE`, of gears that are worn or badly aligned.
 _LARGEST_AMPLITUDE = 3e-3
-"""Amplitude [rad] of one cycle per revolution up to which a disc or a gear may be off its centre: 60 µm at a radius of
-20 mm. In more cycles three times `CATALOGUE_AMPLITUDE`, of gears that are worn or badly aligned."""
-_DISC_CYCLES = 2.0
-"""Cycles per revolution of what is off its centre, or oval or tilted."""
-_WHOLE_CYCLE_SHARE = 0.75
-"""Share of a cycle that a joint has to be moved over for the error to look like no other."""
-_WHOLE_CYCLES = 1e-9
-"""By how much a number of cycles per revolution may differ from a whole one: rounding."""
+_DISC_CYCLES = 2.0  # Cycles per revolution of what is off its centre, or oval or tilted
+_WHOLE_CYCLE_SHARE = 0.75  # Share of a cycle that a joint has to be moved over for the error to look like no other
+_WHOLE_CYCLES = 1e-9  # By how much a number of cycles per revolution may differ from a whole one: rounding
 
 
 class EffectOfJoint(Effect):
@@ -42,17 +39,14 @@ class EffectOfJoint(Effect):
 
     @property
     def target(self) -> str:
-        """The joint."""
         return self.joint
 
     @property
     def moved_joint(self) -> str:
-        """The joint."""
         return self.joint
 
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:
-        """One for every joint of its types that moves in the data, where the inputs that it needs are known."""
         return [cls.of_joint(name) for name in case.moving(*cls.types)] if cls.needs <= case.inputs else []
 
     @classmethod
@@ -61,11 +55,7 @@ class EffectOfJoint(Effect):
         return cls(joint=joint, **shape)
 
     def check_robot(self, robot: Robot) -> None:
-        """Refuse a joint that the robot lacks.
-
-        Raises:
-            BadValueError: no such joint, or one of another type.
-        """
+        """Refuse a joint that the robot lacks."""
         types = {j.name: j.type for j in robot.joints}
         if self.joint not in types:
             raise BadValueError(f"the robot has no joint '{self.joint}'", f"its joints: {', '.join(types)}")
@@ -79,12 +69,7 @@ class JointEffect(EffectOfJoint):
 
     @abstractmethod
     def features(self, state: ArmState, joint: int) -> tuple[Scalar, ...]:
-        """``φ_k`` of each parameter, in their order: numbers, arrays (N,) or CasADi expressions.
-
-        Args:
-            state: the arm and its inputs.
-            joint: index of the joint that errs.
-        """
+        """``φ_k`` of each parameter, in their order: numbers, arrays (N,) or CasADi expressions."""
 
     def sensitivities(self, state: ArmState) -> tuple[Sensitivity, ...]:
         """Each feature as an increment of the joint, per unit of its parameter."""
@@ -112,7 +97,6 @@ class Harmonic(JointEffect):
 
     @property
     def frequencies(self) -> tuple[float, ...]:
-        """Cycles per revolution of all its lines."""
         return (self.frequency,)
 
     def plausible(self, robot: Robot) -> PlausibleRange | None:
@@ -132,7 +116,6 @@ class Harmonic(JointEffect):
         return rotating_parts(self.frequencies, ratios.get(self.joint, math.nan))
 
     def inspect_fitted(self, robot: Robot, estimate: FittedSizes) -> str:
-        """What to look at, first of all the rest of its cycle where the joint was moved over a part of it only."""
         cycle = TURN / self.frequency
         text = self.inspect(robot)
         if not 0 < estimate.span < _WHOLE_CYCLE_SHARE * cycle:
@@ -146,9 +129,7 @@ class Harmonic(JointEffect):
     @property
     def valid_between(self) -> tuple[float, float] | None:
         """The measured range, unless the error repeats after a whole turn: then its phase is the same everywhere.
-
-        Cycles that are found from data have an error, and the phase is lost where it has added up.
-        """
+        Cycles that are found from data have an error, and the phase is lost where it has added up."""
         repeats = all(abs(k - round(k)) < _WHOLE_CYCLES for k in self.frequencies)
         return None if repeats else self.measured_range
 
@@ -191,9 +172,7 @@ class Harmonic(JointEffect):
         return over_phase(state, self.index(state), self.frequency)
 
     def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
-        """Amplitude [mrad] and phase [deg], in place of sine and cosine: ``a sin x + b cos x = A sin(x +
-        phase)``.
-        """
+        """Amplitude [mrad] and phase [deg], in place of sine and cosine: ``a sin x + b cos x = A sin(x + phase)``."""
         (a, _), (b, _) = estimate.entry("sin"), estimate.entry("cos")
         size, std = amplitude(a, b, estimate.covariance)
         return (

@@ -12,8 +12,7 @@ from posture_opt.model.effects.base.cause import FittedSizes
 from posture_opt.model.effects.base.joint_effect import JointEffect
 from posture_opt.robot.robot import Robot
 
-REVERSED = "reversed"
-"""The first word of a label where the joint goes beyond its command."""
+REVERSED = "reversed"  # The first word of a label where the joint goes beyond its command
 
 
 class LostMotion(JointEffect):
@@ -27,16 +26,16 @@ class LostMotion(JointEffect):
     Source: ISO 230-2:2014, 3.10 (reversal value): the difference between the means of both directions of approach.
     """
 
+    # What is wrong where the size is negative, in one clause
     beyond: ClassVar[str] = (
         "{target} goes beyond its command, as with friction compensation, or an encoder before the gear of an arm that "
         "is moved by hand"
     )
-    """What is wrong where the size is negative, in one clause."""
+    # What to look at where the size is negative
     beyond_inspection: ClassVar[str] = (
         "if motors drove {target}: its friction or backlash compensation in the controller, and nothing is tightened; "
         "if it was moved by hand, and its encoder is before the gear: play or stretch of gear, belt or cable"
     )
-    """What to look at where the size is negative."""
     needs: ClassVar[frozenset[Input]] = frozenset({"approach"})
 
     def lag(self, state: ArmState, joint: int) -> Scalar:
@@ -44,11 +43,7 @@ class LostMotion(JointEffect):
         return -state.inputs.side(joint)
 
     def worded(self, estimate: FittedSizes) -> str:
-        """The cause in one clause, by the sign of its size.
-
-        Args:
-            estimate: values and standard errors of its parameter.
-        """
+        """The cause in one clause, by the sign of its size."""
         return self.beyond.format(target=self.target) if self.leads(estimate) else self.words
 
     def labelled(self, estimate: FittedSizes) -> str:
@@ -56,7 +51,6 @@ class LostMotion(JointEffect):
         return f"{REVERSED} {self.label}" if self.leads(estimate) else self.label
 
     def inspect_fitted(self, robot: Robot, estimate: FittedSizes) -> str:
-        """What to look at, by the sign of its size."""
         if self.leads(estimate):
             return self.beyond_inspection.format(target=self.target)
         return self.inspect(robot)

@@ -11,33 +11,24 @@ from posture_opt.errors import enumerated
 from posture_opt.numerics import TURN, Array
 from posture_opt.units import number
 
-_TENTHS_FROM_CYCLES = 100.0
-"""Cycles per revolution from which three digits would round to whole ones."""
-_MAX_HARMONIC = 12
-"""Multiple of another line up to which a line can be its harmonic."""
-_HARMONIC_DEVIATION = 2.0
-"""Standard errors by which the ratio of two lines may differ from a whole number."""
+_TENTHS_FROM_CYCLES = 100.0  # Cycles per revolution from which three digits would round to whole ones
+_MAX_HARMONIC = 12  # Multiple of another line up to which a line can be its harmonic
+_HARMONIC_DEVIATION = 2.0  # Standard errors by which the ratio of two lines may differ from a whole number
+# Largest deviation that still says something: a ratio known no better lies near some whole number by accident
 _SURE_HARMONIC_TOLERANCE = 0.05
-"""Largest deviation that still says something: a ratio known no better lies near some whole number by accident."""
 
-_ALIKE_WINDOW = 0.5
-"""Spectral window of two lines above which the fit shares an error between them."""
+_ALIKE_WINDOW = 0.5  # Spectral window of two lines above which the fit shares an error between them
+# How far two lines may be apart to be two shapes of one error, in units of 2π / range; chosen on series A, B, D
 _NEAR_LINES = 2.0
-"""How far two lines may be apart to be two shapes of one error, in units of 2π / range; chosen on series A, B, D."""
+# Distances at which the window is taken, and joint values that it is taken of; chosen for time
 _WINDOW_POINTS, _WINDOW_VALUES = 200, 500
-"""Distances at which the window is taken, and joint values that it is taken of; chosen for time."""
 
 
 def harmonic_order(cycles: Sequence[float], sizes: Sequence[tuple[float, float]], line: int, span: float) -> int:
-    """Which multiple of the first line another one is for sure; 0 for none.
-
-    The ratio of both is whole within `_HARMONIC_DEVIATION` standard errors, see `cycles_error`, and these are small.
-
-    Args:
-        cycles: per revolution of each line.
-        sizes: amplitude of each line with its standard error [rad].
-        line: number of the line; ``span`` the range of the joint in the data [rad], 0 where it is not known.
-    """
+    """Which multiple of the first line another one is for sure; 0 for none. The ratio of both is whole within
+    `_HARMONIC_DEVIATION` standard errors, see `cycles_error`, and these are small. sizes: amplitude of each line with
+    its standard error [rad]; line: number of the line; ``span`` the range of the joint in the data [rad], 0 where it is
+    not known."""
     if not span > 0:
         return 0
     ratio = cycles[line] / cycles[0]
@@ -49,23 +40,16 @@ def harmonic_order(cycles: Sequence[float], sizes: Sequence[tuple[float, float]]
 
 
 def cycles_error(size: tuple[float, float], span: float) -> float:
-    """The standard error of the cycles of a line of amplitude A ± s, ``√12 s / (A w)``.
-
-    Source: Rife, Boorstyn (1974), Cramér-Rao bounds of amplitude and frequency.
-
-    Args:
-        size: amplitude and its standard error [rad].
-        span: w, the range of the joint that the data spread over evenly [rad].
-    """
+    """The standard error of the cycles of a line of amplitude A ± s, ``√12 s / (A w)``. Source: Rife, Boorstyn (1974),
+    Cramér-Rao bounds of amplitude and frequency. size: amplitude and its standard error [rad]; span: w, the range of
+    the joint that the data spread over evenly [rad]."""
     return math.sqrt(12) * size[1] / (size[0] * span)
 
 
 def resolution(q: Array) -> float:
     """The largest distance at which two lines look alike at the values q (N,) [rad] of a joint, cycles per revolution.
-
     Their columns do where the spectral window ``|Σ exp(i Δ q)| / N`` is above `_ALIKE_WINDOW`: Δ = 0.6 2π / range where
-    the values spread evenly, and more where they come in clumps. What repeats beyond `_NEAR_LINES` is an alias.
-    """
+    the values spread evenly, and more where they come in clumps. What repeats beyond `_NEAR_LINES` is an alias."""
     span = float(np.ptp(q))
     if not span > 0:
         return 0.0

@@ -8,38 +8,22 @@ from dataclasses import dataclass
 from posture_opt.numerics import Json
 from posture_opt.units import DIMENSIONS, shown
 
-_STANDARD_ERRORS = 2.0
-"""Standard errors by which an estimate may be outside of a range: 95 % of them are within."""
+_STANDARD_ERRORS = 2.0  # Standard errors by which an estimate may be outside of a range: 95 % of them are within
 
 
 @dataclass(frozen=True)
 class PlausibleRange:
-    """Least and largest size of a cause on an arm.
+    """Least and largest size of a cause on an arm. A cause beyond it is not refuted: it is then an error that looks
+    like that cause, and ``needs`` says what would have to be true of the arm."""
 
-    A cause beyond it is not refuted: it is then an error that looks like that cause, and ``needs`` says what would have
-    to be true of the arm.
-
-    Args:
-        low, high: [SI].
-        dimension: of both, a key of `DIMENSIONS` or ``ratio``.
-        needs: what it would take for the cause to be real beyond the range; a clause without size.
-        source: where the figures are published.
-    """
-
-    low: float
+    low: float  # low, high: [SI]
     high: float
-    dimension: str
-    needs: str
-    source: str
+    dimension: str  # of both, a key of `DIMENSIONS` or ratio
+    needs: str  # what it would take for the cause to be real beyond the range; a clause without size
+    source: str  # where the figures are published
 
     def holds(self, value: float, std: float) -> bool:
-        """Whether a size [SI] is within the range, give or take two of its standard errors.
-
-        Example:
-            >>> expansion = PlausibleRange(5e-6, 30e-6, "per temperature", "", "")
-            >>> expansion.holds(12e-6, 1e-6), expansion.holds(-250e-6, 10e-6)
-            (True, False)
-        """
+        """Whether a size [SI] is within the range, give or take two of its standard errors."""
         error = _STANDARD_ERRORS * std if math.isfinite(std) else 0.0
         return self.low - error <= value <= self.high + error
 
