@@ -10,8 +10,7 @@ from typing import Any
 import casadi
 
 from posture_opt.errors import InputError, Issue
-from posture_opt.model.c_rows import CFunction, one_text, preamble_text, rows_text
-from posture_opt.model.steps import Steps
+from posture_opt.model.c_rows import CFunction, Steps, one_text, preamble_text, rows_text
 from posture_opt.texts import one_line
 
 

@@ -7,8 +7,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Literal
 
-from posture_opt.errors import BadValueError, InputError, Issue, listed, nearest
-from posture_opt.robot.robot import Factor, Robot
+from posture_opt.errors import BadValueError, InputError, Issue, did_you_mean, listed, nearest
+from posture_opt.robot.robot import Factor, Joint, Robot
 from posture_opt.units import parse_quantity
 
 
@@ -89,3 +89,60 @@ def corrections_of(nominal: Robot, robot: Robot) -> dict[str, float]:
     """Deviation of every parameter of a robot from its nominal value [rad or m]."""
     stated = nominal.parameters
     return {name: factor.nominal - stated[name].nominal for name, factor in robot.parameters.items()}
+
+
+def with_velocities(robot: Robot, given: Mapping[str, object]) -> Robot:
+    """The same robot with other largest speeds of some joints. given: joint name -> text with a unit, ``"120 deg/s"``
+    or, of a slide, ``"0.5 m/s"``."""
+    if not given:
+        return robot
+    names = robot.joint_names
+    issues = [
+        Issue("the robot has no such joint", ("velocity", name), name, did_you_mean(name, names))
+        for name in given
+        if name not in names
+    ]
+    joints = tuple(
+        _driven(joint, given[joint.name], issues) if joint.name in given else joint for joint in robot.joints
+    )
+    if issues:
+        raise InputError(issues)
+    return replace(robot, joints=joints)
+
+
+def _driven(joint: Joint, given: object, issues: list[Issue]) -> Joint:
+    try:
+        speed = parse_quantity(given, "angular velocity" if joint.type == "revolute" else "velocity")
+        if not speed > 0:
+            raise BadValueError("the largest speed of a joint is above zero", "leave it out where it is unknown")
+    except BadValueError as error:
+        issues.append(error.issue(("velocity", joint.name), given))
+        return joint
+    return replace(joint, velocity=speed)
+
+
+PARALLEL_AXES_RAD = math.radians(10.0)  # below, `d` and `a` can no longer follow a tilt of the next axis (Hayati 1983)
+
+
+def is_fitted(robot: Robot, name: str) -> bool:
+    """Whether a parameter ``JOINT.LAST`` of the geometry is a candidate: not where another one does the same. ``beta``
+    is one only between nearly parallel axes (Hayati, Mirmirani 1985); a joint with an origin of six has no offset of
+    its own."""
+    joint, _, last = name.rpartition(".")
+    parameters = robot.parameters
+    index = robot.joint_names.index(joint) if joint in robot.joint_names else -1
+    if last == "beta":
+        alpha = parameters[f"{joint}.alpha"].nominal
+        return index < robot.n - 1 and abs(math.sin(alpha)) < math.sin(PARALLEL_AXES_RAD)
+    # The joint value of a URDF joint moves the tool as its origin does.
+    return not (last in ("theta", "d") and f"{joint}.roll" in parameters)
+
+
+def geometry_behind_first_joint(robot: Robot) -> tuple[str, ...]:
+    """The candidates that do not move the whole arm as its base does: those behind the value of the first joint."""
+    found = []
+    for factor in robot.factors[robot.driven[0] + 1 :]:
+        name = factor.parameter
+        if name and name.rpartition(".")[0] != "tool" and is_fitted(robot, name):
+            found.append(name)
+    return tuple(found)

@@ -13,8 +13,7 @@ from pydantic import Field, ValidationInfo, WithJsonSchema, field_validator
 from posture_opt.errors import BadValueError, InputError, Issue, as_given
 from posture_opt.limits import MOST_JOINTS
 from posture_opt.numerics import TURN
-from posture_opt.robot.corrections import corrected
-from posture_opt.robot.joint_velocities import with_velocities
+from posture_opt.robot.corrections import corrected, with_velocities
 from posture_opt.robot.robot import Factor, Joint, Robot, frame_factors
 from posture_opt.robot.shape_section import ShapeSpec, shaped
 from posture_opt.spec import Spec, WordOrSection

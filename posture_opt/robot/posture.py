@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from posture_opt.errors import BadValueError, InputError, Issue, did_you_mean
-from posture_opt.numerics import Array
+from posture_opt.numerics import TURN, Array
 from posture_opt.robot.robot import Joint, Robot
 from posture_opt.units import fixed, parse_quantity
 
@@ -109,3 +109,14 @@ def _read_value(joint: Joint, value: object, issues: list[Issue]) -> float:
     else:
         return float(value)
     return 0.0
+
+
+def drawn_between(robot: Robot, whole: Collection[int] = ()) -> tuple[Array, Array]:
+    """(n,), (n,) the bounds [rad or m] that random postures are drawn between. The limits. Of a turning joint whose
+    limits are more than a turn apart, the one turn within them whose middle is nearest to zero, as further turns repeat
+    the same places: ``low = min(max(−π, lower), upper − 2π)``."""
+    lower, upper = np.array(robot.lower), np.array(robot.upper)
+    wide = np.array([joint.type == "revolute" for joint in robot.joints]) & (upper - lower > TURN)
+    wide[list(whole)] = False
+    low = np.where(wide, np.minimum(np.maximum(-np.pi, lower), upper - TURN), lower)
+    return low, np.where(wide, low + TURN, upper)

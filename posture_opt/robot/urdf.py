@@ -16,8 +16,8 @@ from posture_opt.errors import BadValueError, InputError, Issue, listed
 from posture_opt.files import content, located
 from posture_opt.limits import MOST_JOINTS
 from posture_opt.numerics import Array
+from posture_opt.robot.corrections import with_velocities
 from posture_opt.robot.format import FULL_TURN, RobotFormat, check_joint_name
-from posture_opt.robot.joint_velocities import with_velocities
 from posture_opt.robot.robot import Joint, Robot, UrdfDescription
 from posture_opt.robot.shape import BASE
 from posture_opt.robot.shape_section import replaces_shape, shaped

@@ -11,7 +11,7 @@ import numpy as np
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar
 from posture_opt.model.effects.base.cause import Abscissa, FittedSizes, Size, over_joint
-from posture_opt.model.effects.base.lost_motion import LostMotion
+from posture_opt.model.effects.base.joint_effect import LostMotion
 
 _WHOLE = "whole width"  # What the size of a play is: drawings state it so, others its half to either side
 

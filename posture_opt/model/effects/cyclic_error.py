@@ -15,8 +15,7 @@ from posture_opt.model.chain import Scalar, cos, sin
 from posture_opt.model.effects.base.cause import FittedSizes, Size, amplitude
 from posture_opt.model.effects.base.effect import Effect, Excitation
 from posture_opt.model.effects.base.joint_effect import Harmonic
-from posture_opt.model.effects.base.multiples import cycles_error, cycles_text, harmonic_order
-from posture_opt.model.effects.base.rotating_parts import COMMON_RATIOS
+from posture_opt.model.effects.base.multiples import COMMON_RATIOS, cycles_error, cycles_text, harmonic_order
 from posture_opt.numerics import TURN, Array
 from posture_opt.robot.robot import Robot
 from posture_opt.units import Angle, number, plus_minus, shown

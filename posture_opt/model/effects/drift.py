@@ -12,8 +12,15 @@ from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar, exp
 from posture_opt.model.effects.base.catalogue_entry import Input
 from posture_opt.model.effects.base.cause import Abscissa, FittedSizes, Size, over_time
-from posture_opt.model.effects.base.effect import Effect, Excitation, Sensitivity
-from posture_opt.model.effects.base.frame_motion import ANGLES, WORLD_AXES, foot, frame_motion
+from posture_opt.model.effects.base.effect import (
+    ANGLES,
+    WORLD_AXES,
+    Effect,
+    Excitation,
+    Sensitivity,
+    foot,
+    frame_motion,
+)
 from posture_opt.units import Time, plus_minus, shown
 
 _SETTLING_TIME_CONSTANTS = 3.0  # time constants after which 5 % are left

@@ -13,7 +13,7 @@ from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar, exp
 from posture_opt.model.effects.base.cause import Abscissa, FittedSizes, Size
 from posture_opt.model.effects.base.effect import Effect, Excitation
-from posture_opt.model.effects.base.lost_motion import LostMotion
+from posture_opt.model.effects.base.joint_effect import LostMotion
 from posture_opt.units import Angle, plus_minus
 
 # Travels d0 [rad] that are tried: from 1 to 90 degrees, by factors of about two

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from posture_opt.numerics import Array
-from posture_opt.robot.joint_ranges import drawn_between
+from posture_opt.robot.posture import drawn_between
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.search.search_outcome import is_clear
 from posture_opt.uncertainty.sources.sources import Sources

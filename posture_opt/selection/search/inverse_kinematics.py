@@ -22,7 +22,7 @@ from posture_opt.model.compiled import BatchFunction
 from posture_opt.model.ldl import ldl, solved
 from posture_opt.model.row_loop import RowLoop
 from posture_opt.numerics import Array
-from posture_opt.robot.joint_ranges import drawn_between
+from posture_opt.robot.posture import drawn_between
 from posture_opt.selection.program.pose_request import PARTS, WIDTH, PoseRequest
 from posture_opt.selection.program.task_target import TaskTarget, spin_axis
 

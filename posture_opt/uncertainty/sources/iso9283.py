@@ -25,14 +25,9 @@ class PositionPerformance:
 
     n: int  # number of cycles (30 in the standard)
     accuracy: float  # AP, distance of the mean attained position from the commanded one [m]
-    # from AP -+ t s / sqrt(n), s the deviation along the error, and from zero where Hotelling's test does not separate
-    # the mean from the commanded position [m]
-    accuracy_interval: Interval
+    accuracy_interval: Interval  # see `position_accuracy` [m]
     repeatability: float  # RP = mean(l) + 3 S_l [m]
     repeatability_interval: Interval  # for Gaussian scatter of the sample's shape, by simulating the test itself [m]
-    mean_distance: float  # mean(l) [m]
-    sd_distance: float  # S_l, with n - 1 [m]
-    probability: float  # that of the intervals
 
 
 @dataclass(frozen=True)
@@ -56,39 +51,40 @@ class RepeatabilitySampling:
 def position_performance(
     attained: ArrayLike, commanded: ArrayLike, p: float = 0.95, seed: int | None = None
 ) -> PositionPerformance:
-    """AP and RP of positions attained for one commanded position. ``AP = |mean(x) - x_c|``, ``l_j = |x_j - mean(x)|``,
-    ``RP = mean(l) + 3 S_l``, ``S_l`` with n - 1. Source: ISO 9283:1998, 7.2.1 and 7.2.2. attained: (n, d) [m], d = 1, 2
-    or 3; commanded: (d,) [m]."""
+    """AP and RP of positions attained (n, d) [m], d = 1, 2 or 3, for one commanded position (d,) [m].
+
+    ``AP = |mean(x) - x_c|``, ``l_j = |x_j - mean(x)|``, ``RP = mean(l) + 3 S_l``, ``S_l`` with n - 1. The intervals
+    have the probability p. Source: ISO 9283:1998, 7.2.1 and 7.2.2.
+    """
     accuracy, interval = position_accuracy(attained, commanded, p)
     x = _checked_cycles(attained)
     n, distance = len(x), np.linalg.norm(x - x.mean(axis=0), axis=1)
-    mean, sd = float(distance.mean()), float(distance.std(ddof=1))
-    covariance, repeatability = np.atleast_2d(np.cov(x, rowvar=False)), mean + 3 * sd
+    repeatability = float(distance.mean() + 3 * distance.std(ddof=1))
+    covariance = np.atleast_2d(np.cov(x, rowvar=False))
     low, high = repeatability_sampling(covariance, n, p, seed=seed).interval if repeatability else (1.0, 1.0)
-    return PositionPerformance(
-        n=n,
-        accuracy=accuracy,
-        accuracy_interval=interval,
-        repeatability=repeatability,
-        repeatability_interval=(repeatability / high, repeatability / low),
-        mean_distance=mean,
-        sd_distance=sd,
-        probability=p,
-    )
+    return PositionPerformance(n, accuracy, interval, repeatability, (repeatability / high, repeatability / low))
 
 
 def position_accuracy(attained: ArrayLike, commanded: ArrayLike, p: float = 0.95) -> tuple[float, Interval]:
-    """AP and its interval alone, without the simulation behind that of RP; see `position_performance`."""
+    """AP and its interval ``AP ∓ t_((1+p)/2)(n - 1) s / sqrt(n)``, s the deviation along the error [m].
+
+    The interval starts at zero where Hotelling's test of size 1 - p does not reject a mean at the commanded position:
+    the length of a mean is never zero, even where the true one is.
+    """
+    from scipy.special import stdtrit
+
     x, goal = _checked_cycles(attained), np.atleast_1d(np.asarray(commanded, dtype=float))
     if x.shape[1] != len(goal) or not np.isfinite(goal).all():
         raise InputError(f"a commanded position of {len(goal)} numbers does not fit attained ones of {x.shape[1]}")
     error = x.mean(axis=0) - goal
-    accuracy = float(np.linalg.norm(error))
-    covariance = np.atleast_2d(np.cov(x, rowvar=False))
-    half = _accuracy_margin(covariance, error, len(x), p)
-    # The length of a mean is never zero, even where the true one is: what scatter alone may make of it starts at zero.
-    low = 0.0 if _mere_scatter(covariance, error, len(x), p) else max(accuracy - half, 0.0)
-    return accuracy, (low, accuracy + half)
+    size, n, d = float(np.linalg.norm(error)), len(x), len(error)
+    C = np.atleast_2d(np.cov(x, rowvar=False))
+    # Without an error there is no direction to look along: take the worst one.
+    variance = error @ C @ error / size**2 if size > 0 else np.linalg.eigvalsh(C)[-1]
+    half = float(stdtrit(n - 1, (1 + p) / 2)) * math.sqrt(variance / n)
+    tested = n > d and np.linalg.matrix_rank(C, hermitian=True) == d
+    mere_scatter = tested and n * error @ np.linalg.solve(C, error) <= hotelling_factor(p, d, n - 1) ** 2
+    return size, (0.0 if mere_scatter else max(size - half, 0.0), size + half)
 
 
 def orientation_performance(attained: ArrayLike, commanded: float) -> OrientationPerformance:
@@ -102,9 +98,11 @@ def orientation_performance(attained: ArrayLike, commanded: float) -> Orientatio
 def repeatability_sampling(
     covariance: ArrayLike, n: int = 30, p: float = 0.95, trials: int = 4000, seed: int | None = None
 ) -> RepeatabilitySampling:
-    """How far RP of n Gaussian cycles may lie from the RP of infinitely many, by simulating the test. covariance: (d,
-    d), only its shape matters; trials: tests simulated; the ends of the interval are good to some ``2 / sqrt(trials)``
-    of its width."""
+    """How far RP of n Gaussian cycles may lie from the RP of infinitely many, by simulating the test.
+
+    Of the covariance (d, d) the shape alone matters. The ends of the interval are good to some ``2 / sqrt(trials)`` of
+    its width.
+    """
     C = _checked_covariance(covariance)
     if n < 3 or not np.trace(C) > 0:
         raise InputError("repeatability needs three cycles or more, and some scatter")
@@ -119,23 +117,26 @@ def repeatability_sampling(
 
 
 def repeatability_from_covariance(covariance: ArrayLike) -> float:
-    """RP of a Gaussian point, ``E[l] + 3 sd[l]`` with ``l = |x - E x|`` [m]. Source: ISO 9283:1998, 7.2.2, for
-    infinitely many cycles. covariance: (d, d) [m^2], d = 1, 2 or 3."""
+    """RP of a Gaussian point of covariance (d, d) [m²], ``E[l] + 3 sd[l]`` with ``l = |x - E x|`` [m].
+
+    Source: ISO 9283:1998, 7.2.2, for infinitely many cycles.
+    """
     return float(repeatabilities(_checked_covariance(covariance)[None])[0])
 
 
 def repeatabilities(covariances: ArrayLike) -> Array:
-    """(N,) RP [m] of N Gaussian points with covariances (N, d, d) [m^2]; see `repeatability_from_covariance`."""
+    """(N,) RP [m] of N Gaussian points with covariances (N, d, d) [m²]."""
     mean, sd = distance_moments(covariances)
     return mean + 3 * sd
 
 
 def distance_moments(covariances: ArrayLike) -> tuple[Array, Array]:
-    """Mean and standard deviation, (N,) each, of the length of zero-mean Gaussian vectors [m]. ``E l = 1 / (2 sqrt(pi))
-    Int_0^inf (1 - prod_i (1 + 2 t lambda_i)^(-1/2)) t^(-3/2) dt`` with the eigenvalues of C; equally ``2 sqrt(2/pi)
-    R_G(lambda)``, Carlson's elliptic integral. ``sd^2 = tr C - (E l)^2``. Source: A. M. Mathai and S. B. Provost,
-    Quadratic Forms in Random Variables (1992), 3.2b. covariances: (N, d, d) [m^2], d = 1, 2 or 3, positive
-    semidefinite."""
+    """Mean and σ, (N,) each, of the length of zero-mean Gaussian vectors [m], covariances (N, d, d) [m²], d ≤ 3.
+
+    ``E l = 1 / (2 sqrt(pi)) Int_0^inf (1 - prod_i (1 + 2 t lambda_i)^(-1/2)) t^(-3/2) dt`` with the eigenvalues of C;
+    equally ``2 sqrt(2/pi) R_G(lambda)``, Carlson's elliptic integral. ``sd^2 = tr C - (E l)^2``. Source: A. M. Mathai
+    and S. B. Provost, Quadratic Forms in Random Variables (1992), 3.2b.
+    """
     C = np.asarray(covariances, dtype=float)
     if C.ndim != 3 or C.shape[1] != C.shape[2] or not 1 <= C.shape[1] <= 3 or not np.isfinite(C).all():
         raise InputError(f"finite covariances (N, d, d) with d = 1, 2 or 3 are wanted, not {C.shape}")
@@ -149,6 +150,7 @@ def distance_moments(covariances: ArrayLike) -> tuple[Array, Array]:
 
 
 def _mean_length(e2: Array, e3: Array) -> Array:
+    """E l for eigenvalues of sum one, given the sum of their products by two and their product."""
     # On a line the integral is sqrt(2 / pi). What other shapes add to it decays on both sides of t = 1, and in s = ln t
     # the trapezoid rule of step 1/2 is exact to 1e-17: the integrand has no pole nearer to the real axis than i pi.
     s = np.arange(-30.0, 40.0, 0.5)
@@ -161,25 +163,8 @@ def _mean_length(e2: Array, e3: Array) -> Array:
     return result
 
 
-def _accuracy_margin(covariance: Array, error: Array, n: int, p: float) -> float:
-    """Half width [m] of the interval of AP: ``t_((1+p)/2)(n - 1) s / sqrt(n)``, s the deviation along the error."""
-    from scipy.special import stdtrit
-
-    size = np.linalg.norm(error)
-    # Without an error there is no direction to look along: take the worst one.
-    variance = error @ covariance @ error / size**2 if size > 0 else np.linalg.eigvalsh(covariance)[-1]
-    return float(stdtrit(n - 1, (1 + p) / 2)) * math.sqrt(variance / n)
-
-
-def _mere_scatter(covariance: Array, error: Array, n: int, p: float) -> bool:
-    d = len(error)
-    if n <= d or np.linalg.matrix_rank(covariance, hermitian=True) < d:
-        return False
-    return float(n * error @ np.linalg.solve(covariance, error)) <= hotelling_factor(p, d, n - 1) ** 2
-
-
 def _checked_cycles(attained: ArrayLike) -> Array:
-    """(n, d) attained positions as floats."""
+    """(n, d) attained positions as floats, three cycles at least."""
     x = np.asarray(attained, dtype=float)
     if x.ndim != 2 or not 1 <= x.shape[1] <= 3 or not np.isfinite(x).all():
         raise InputError(f"finite attained positions (n, 3) are wanted, not {x.shape}")

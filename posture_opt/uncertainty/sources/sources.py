@@ -10,8 +10,7 @@ import numpy as np
 from posture_opt.errors import InputError, Issue
 from posture_opt.numerics import Array
 
-_MAX_SIGMA = 1e5  # Standard deviation [m or rad] beyond which a unit or an exponent is wrong
-_EIGENVALUE_ROUNDING = 1e-9  # Of an eigenvalue of a correlation matrix, per row: what float arithmetic leaves of a zero
+_EIGENVALUE_ROUNDING = 1e-9  # of a matrix of correlations, per row: what float arithmetic leaves of a zero
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +107,9 @@ def covariance_issues(names: Sequence[str], covariance: Array) -> list[Issue]:
     if negative:
         return [Issue(f"negative variance of {', '.join(negative)}", hint="a variance is 0 or greater")]
     sigma = np.sqrt(variance)
-    far = [f"{name} is {s:.4g}" for name, s in zip(names, sigma, strict=True) if s > _MAX_SIGMA]
+    far = [
+        f"{name} is {s:.4g}" for name, s in zip(names, sigma, strict=True) if s > 1e5
+    ]  # a unit or an exponent is wrong
     if far:
         return [Issue(f"not plausible: the σ of {', '.join(far)}", hint="in m or rad; are unit and exponent right?")]
     idle = sigma == 0
@@ -118,12 +119,10 @@ def covariance_issues(names: Sequence[str], covariance: Array) -> list[Issue]:
     beyond = np.argwhere(np.triu(np.abs(correlation) > 1 + _EIGENVALUE_ROUNDING, 1))
     varying = [name for name, still in zip(names, idle, strict=True) if not still]
     if len(beyond):
-        return [_correlation_issue(varying[i], varying[j], correlation[i, j]) for i, j in beyond]
+        hint = "a correlation lies between -1 and 1"
+        texts = [f"the correlation of {varying[i]} and {varying[j]} is {correlation[i, j]:.6g}" for i, j in beyond]
+        return [Issue(text, hint=hint) for text in texts]
     return _definiteness_issues(varying, correlation)
-
-
-def _correlation_issue(a: str, b: str, rho: float) -> Issue:
-    return Issue(f"the correlation of {a} and {b} is {rho:.6g}", hint="a correlation lies between -1 and 1")
 
 
 def _definiteness_issues(names: Sequence[str], correlation: Array) -> list[Issue]:

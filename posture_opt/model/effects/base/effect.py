@@ -13,11 +13,11 @@ from pydantic import ConfigDict, Field, model_validator
 
 from posture_opt.errors import BadValueError
 from posture_opt.model.arm_state import ArmState
-from posture_opt.model.chain import ZERO, Scalar, Vector, scale
+from posture_opt.model.chain import ZERO, Scalar, Vector, cross, scale, subtract
 from posture_opt.model.effects.base.catalogue_entry import CatalogueEntry, Input, Quantity
 from posture_opt.model.effects.base.cause import Abscissa, FittedSizes, Size
+from posture_opt.model.effects.base.multiples import RotatingPart
 from posture_opt.model.effects.base.plausible_range import PlausibleRange
-from posture_opt.model.effects.base.rotating_parts import RotatingPart
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
 from posture_opt.units import DIMENSIONS, parse_quantity, shown
@@ -329,3 +329,25 @@ class SoleEffect(Effect):
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:
         return [cls(kind=cls.model_fields["kind"].default)] if cls.needs <= case.inputs else []
+
+
+# Parameters about the x, y and z axis [rad]: the world's of the base, its own of the tool
+ANGLES = ("roll", "pitch", "yaw")
+WORLD_AXES: tuple[Vector, ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+
+def foot(state: ArmState) -> Vector:
+    """(3,) where the axis of the first joint passes the base [m], world."""
+    return state.walk.screws[len(state.robot.base)].origin
+
+
+def frame_motion(
+    state: ArmState, names: Sequence[str], axes: Sequence[Vector], about: Vector, size: Scalar
+) -> tuple[Sensitivity, ...]:
+    """The tool point under a motion of a frame of a ``size``, one unit for each of the parameters ``names``. names: of
+    ``x``, ``y``, ``z`` [m], ``roll``, ``pitch`` and ``yaw`` [rad]; axes: (3,) unit vectors of shifts and turns; about:
+    the point (3,) that turns leave where it is [m], world."""
+    vectors, lever = [scale(size, axis) for axis in axes], subtract(state.tool, about)
+    units = dict(zip("xyz", (Sensitivity(twist=(v, ZERO)) for v in vectors), strict=True))
+    units |= {name: Sensitivity(twist=(cross(v, lever), v)) for name, v in zip(ANGLES, vectors, strict=True)}
+    return tuple(units[name] for name in names)

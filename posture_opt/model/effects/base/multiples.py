@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from posture_opt.errors import enumerated
-from posture_opt.numerics import TURN, Array
+from posture_opt.numerics import TURN, Array, Json
 from posture_opt.units import number
 
 _TENTHS_FROM_CYCLES = 100.0  # Cycles per revolution from which three digits would round to whole ones
@@ -67,3 +68,62 @@ def line_words(lines: Sequence[float]) -> str:
 def cycles_text(cycles: float) -> str:
     """Cycles per revolution to a tenth, and to three digits below ten."""
     return number(cycles, 3 if cycles < _TENTHS_FROM_CYCLES else 4)
+
+
+# Ratios of strain-wave gears with the circular spline at rest; one more where the flexspline is (Harmonic Drive)
+_STRAIN_WAVE = (30.0, 50.0, 80.0, 100.0, 120.0, 160.0)
+# Ratios of cycloidal gears that no strain-wave gear has (Nabtesco, RV-E)
+_CYCLOIDAL = (57.0, 105.0, 129.0, 141.0, 145.0, 171.0, 185.0)
+# Motor turns per turn of the joint
+COMMON_RATIOS = tuple(sorted({*_STRAIN_WAVE, *(ratio + 1 for ratio in _STRAIN_WAVE), *_CYCLOIDAL}))
+_TOLERANCE = 0.4  # Cycles per revolution by which a line may be off: neighbouring ratios are one apart
+# How often a part errs while the motor turns once; wave generators are oval, so that two is as usual as one
+_OFTEN = {1: "once", 2: "twice", 3: "three times", 4: "four times"}
+# What errs so often in a turn of the motor (Ghorbel, Gandhi, Alpeter 2001, on strain-wave gears)
+_PART = "wave generator or pinion, motor shaft and motor encoder"
+
+
+@dataclass(frozen=True)
+class RotatingPart:
+    """A part that turns as often as an error repeats."""
+
+    cycles: float  # of the error, per revolution of the joint
+    ratio: float  # motor turns per turn of the joint; stated whether it is that of the file
+    per_turn: int  # how often the error repeats in a turn of the motor
+    stated: bool
+
+    @property
+    def part(self) -> str:
+        """What errs so often."""
+        return _PART
+
+    @property
+    def words(self) -> str:
+        """Why it is that part: "80.0 cycles per revolution is once per revolution of the motor"."""
+        at = "" if self.stated else f" at a gear ratio of {number(self.ratio)}"
+        often = (
+            f"{cycles_text(self.cycles)} cycles per revolution is {_OFTEN[self.per_turn]} per revolution of the motor"
+        )
+        return f"{often}{at}"
+
+    def to_json(self) -> dict[str, Json]:
+        return {"cycles": self.cycles, "part": self.part, "ratio": self.ratio, "per_motor_turn": self.per_turn}
+
+
+def rotating_parts(lines: Sequence[float], stated: float) -> tuple[RotatingPart, ...]:
+    """The parts that turn as often as lines of a joint repeat, one for each line that has some. Of the common ratios
+    that explain the largest line, the one that explains most lines, with the fewest cycles per motor turn. A line alone
+    may have several explanations; the simplest is named."""
+    known = math.isfinite(stated)
+    ratios = (abs(stated),) if known else COMMON_RATIOS
+    found = [tuple(p for k in lines if (p := _part_of(k, ratio, known)) is not None) for ratio in ratios]
+    if not known:
+        found = [parts for parts in found if parts and parts[0].cycles == lines[0]]
+    return max(found, key=lambda parts: (len(parts), -sum(p.per_turn for p in parts)), default=())
+
+
+def _part_of(cycles: float, ratio: float, stated: bool) -> RotatingPart | None:
+    times = round(cycles / ratio)
+    if times in _OFTEN and abs(cycles - times * ratio) <= _TOLERANCE:
+        return RotatingPart(cycles, ratio, times, stated)
+    return None
