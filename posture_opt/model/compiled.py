@@ -5,7 +5,8 @@ from __future__ import annotations
 import ctypes
 import functools
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 from typing import Any
 
 import casadi
@@ -269,3 +270,60 @@ class LaneFunction:
 
 def _address(array: Array) -> ctypes.c_void_p:
     return ctypes.c_void_p(array.__array_interface__["data"][0])
+
+
+# C text that opens and closes the working memory of a generated function
+_MEMORY_C = """
+#include <math.h>
+#include <stdlib.h>
+
+typedef struct { const double** arg; double** res; casadi_int* iw; double* w; } po_memory;
+typedef int (*po_sizes)(casadi_int*, casadi_int*, casadi_int*, casadi_int*);
+
+static void po_close(po_memory* m) { free((void*)m->arg); free(m->res); free(m->iw); free(m->w); }
+static int po_open(po_memory* m, po_sizes work) {
+  casadi_int arg, res, iw, w;
+  work(&arg, &res, &iw, &w);
+  m->arg = malloc((arg + 1) * sizeof *m->arg);
+  m->res = malloc((res + 1) * sizeof *m->res);
+  m->iw = malloc((iw + 1) * sizeof *m->iw);
+  m->w = malloc((w + 1) * sizeof *m->w);
+  return m->arg && m->res && m->iw && m->w;
+}
+"""
+
+
+class RowLoop:
+    """``long long posture_opt_loop(…)`` of a C text that may call the functions given, by their names. The text has
+    ``po_memory`` with ``po_open(&memory, NAME_work)`` and ``po_close``; a function is called by ``NAME(memory.arg,
+    memory.res, memory.iw, memory.w, 0)``. Loops run without Python's lock. functions: by name; all inputs and outputs
+    are dense; text: C99; compiled: None compiles where a C compiler is found; False never; True or an error."""
+
+    def __init__(self, functions: Mapping[str, casadi.Function], text: str, compiled: bool | None) -> None:
+        whole = _MEMORY_C + text
+
+        @cache
+        def rows() -> list[casadi.Function]:  # written out where they are compiled: large ones take half a second
+            return [row_function(function, name) for name, function in functions.items()]
+
+        self._library, _ = library_of(
+            compiled, lambda: whole + "".join(row.serialize() for row in rows()), lambda: c_text(rows()) + whole
+        )
+        self.compiled: bool = self._library is not None
+
+    def __call__(self, *arguments: Array | int | float) -> int:
+        """Run the loop: C-contiguous arrays of doubles are passed by address and written to, numbers by value. Returns
+        what the loop returns, zero or more."""
+        assert self._library is not None
+        returned = int(self._library.handle.posture_opt_loop(*map(_c_argument, arguments)))
+        if returned < 0:
+            raise MemoryError
+        return returned
+
+
+def _c_argument(argument: Array | int | float) -> Any:
+    if isinstance(argument, np.ndarray):
+        assert argument.dtype == np.float64
+        assert argument.flags.c_contiguous
+        return _address(argument)
+    return ctypes.c_longlong(argument) if isinstance(argument, int) else ctypes.c_double(argument)

@@ -6,8 +6,6 @@ import casadi as ca
 
 Factors = tuple[list[list[ca.SX]], list[ca.SX]]  # The strict lower triangle of L and the diagonal D
 
-_INFINITE_PIVOT = 1e200  # A pivot that makes its unknown zero; its square would still be a number
-
 
 def ldl(A: ca.SX, dependent: float = 0.0) -> Factors:
     """L D Lᵀ of a symmetric (n, n) matrix without pivoting. Where a pivot is below ``dependent`` of its diagonal entry,
@@ -18,7 +16,8 @@ def ldl(A: ca.SX, dependent: float = 0.0) -> Factors:
     D: list[ca.SX] = []
     for j in range(n):
         pivot = A[j, j] - sum((L[j][k] ** 2 * D[k] for k in range(j)), ca.SX(0))
-        D.append(ca.if_else(pivot > dependent * A[j, j], pivot, _INFINITE_PIVOT) if dependent else pivot)
+        # A pivot that makes its unknown zero; its square would still be a number.
+        D.append(ca.if_else(pivot > dependent * A[j, j], pivot, 1e200) if dependent else pivot)
         for i in range(j + 1, n):
             L[i][j] = (A[i, j] - sum((L[i][k] * L[j][k] * D[k] for k in range(j)), ca.SX(0))) / D[j]
     return L, D

@@ -32,8 +32,8 @@ from posture_opt.staging import settle, staging
 FLAGS = ("-std=c99", "-fPIC", "-shared", "-fno-math-errno", "-ffp-contract=off", "-w")
 # Length of a C text above which -O0 is taken: 3 s a megabyte instead of 10, and runs 4 times slower
 MAX_OPTIMISED_CHARACTERS = 1_000_000
+KEPT_LIBRARIES = 256  # in the cache; of more, those that were not used for longest are removed
 COMPILE_SECONDS = 300.0  # Time after which a compiler is ended [s]
-KEPT_LIBRARIES = 256  # Libraries in the cache; of more, those that were not used for longest are removed
 SUFFIX = ".dll" if sys.platform == "win32" else ".so"  # Ending of a shared library on this system
 
 

@@ -14,14 +14,11 @@ import numpy as np
 from posture_opt.numerics import Array
 from posture_opt.robot.shape import Capsule
 
-MAX_CAPSULES = 3  # Capsules for one body: a link is a beam between two housings
 # A further capsule must save this factor of volume: each one more is checked against all others in every posture
 VOLUME_FACTOR = 1.15
-_SLICE_COUNT = 9  # Slices of a body along its longest axis: 9 leave 36 ways to cut it into at most three runs
 _DIRECTION_COUNT = 80  # Directions whose outermost points stand for a body while its capsule is searched for
 # Values of x[6] to start from: the radius is the least one times 1 + x[6]², see `_enclosing_capsule`
 _START_EXCESSES = (0.0, 0.25)
-_RADIUS_MARGIN_M = 1e-9  # Added to each radius: more than rounding can take away of it
 
 
 @dataclass(frozen=True)
@@ -55,7 +52,8 @@ class Edges:
         return [every[(height >= low) & (height <= high)] for low, high in itertools.pairwise(planes)]
 
 
-def fitted_capsules(body: Edges, joint: str, most: int = MAX_CAPSULES) -> tuple[Capsule, ...]:
+# Capsules for one body: a link is a beam between two housings.
+def fitted_capsules(body: Edges, joint: str, most: int = 3) -> tuple[Capsule, ...]:
     """Up to ``most`` capsules that together contain the surface of a body given in the frame behind ``joint``. All ways
     to cut the slices into runs are compared by capsules along main axes; the runs of the best one then get their
     smallest capsules, if these are together smaller than the one of the whole. body: its edges [m], in the frame behind
@@ -66,7 +64,8 @@ def fitted_capsules(body: Edges, joint: str, most: int = MAX_CAPSULES) -> tuple[
     if most == 1:
         return tuple(one)
     longest = max(_main_axes(ends), key=lambda axis: float(np.ptp(ends @ axis)))
-    runs = _cheapest_runs(body.slices(longest, _SLICE_COUNT), most)
+    # Slices of a body along its longest axis: 9 leave 36 ways to cut it into at most three runs.
+    runs = _cheapest_runs(body.slices(longest, 9), most)
     return tuple(min(one, [smallest_capsule(points, joint) for points in runs], key=_total_cost))
 
 
@@ -109,7 +108,8 @@ def smallest_capsule(points: Array, joint: str) -> Capsule:
     found = [minimize(_capsule_volume, start, (outer,), "Nelder-Mead", options=options) for start in starts]
     a, b, radius = _enclosing_capsule(min(found, key=lambda result: float(result.fun)).x, scaled)
     (ax, ay, az), (bx, by, bz) = ((middle + size * end).tolist() for end in (a, b))
-    return Capsule(joint, (ax, ay, az), (bx, by, bz), size * radius + _RADIUS_MARGIN_M)
+    # Added to each radius: more than rounding can take away of it.
+    return Capsule(joint, (ax, ay, az), (bx, by, bz), size * radius + 1e-9)
 
 
 def _outermost_points(points: Array) -> Array:

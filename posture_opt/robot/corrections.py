@@ -121,9 +121,6 @@ def _driven(joint: Joint, given: object, issues: list[Issue]) -> Joint:
     return replace(joint, velocity=speed)
 
 
-PARALLEL_AXES_RAD = math.radians(10.0)  # below, `d` and `a` can no longer follow a tilt of the next axis (Hayati 1983)
-
-
 def is_fitted(robot: Robot, name: str) -> bool:
     """Whether a parameter ``JOINT.LAST`` of the geometry is a candidate: not where another one does the same. ``beta``
     is one only between nearly parallel axes (Hayati, Mirmirani 1985); a joint with an origin of six has no offset of
@@ -133,7 +130,8 @@ def is_fitted(robot: Robot, name: str) -> bool:
     index = robot.joint_names.index(joint) if joint in robot.joint_names else -1
     if last == "beta":
         alpha = parameters[f"{joint}.alpha"].nominal
-        return index < robot.n - 1 and abs(math.sin(alpha)) < math.sin(PARALLEL_AXES_RAD)
+        # Below, `d` and `a` can no longer follow a tilt of the next axis (Hayati 1983).
+        return index < robot.n - 1 and abs(math.sin(alpha)) < math.sin(math.radians(10.0))
     # The joint value of a URDF joint moves the tool as its origin does.
     return not (last in ("theta", "d") and f"{joint}.roll" in parameters)
 

@@ -14,9 +14,6 @@ from posture_opt.robot.shape import BASE, TOOL, Capsule
 # Radius over the length of the arm where nothing else is known. Arms of known shape are about as thick: the upper arm
 # of a UR10 has 60 mm at 1.68 m, that of a Panda 60 mm at 1.39 m.
 STAND_IN_RADIUS_RATIO = 0.04
-# Radius of a tool where none is stated: an ISO 9409-1 flange of 40 mm pitch circle, as small arms have it, carries
-# tools that are no thinner at the flange. Assumed; reports say so.
-TOOL_RADIUS_M = 0.02
 _MIN_LENGTH_M = 1e-9  # Offsets shorter than this are rounding, no links; coordinates below it are written as zero
 
 
@@ -60,7 +57,9 @@ def tool_capsule(robot: Robot, free_end: float = 0.0) -> tuple[Capsule, ...]:
 
 def tool_radius(robot: Robot) -> float:
     """Radius of the tool [m]: the stated one, else the default."""
-    return TOOL_RADIUS_M if robot.tool_radius is None else robot.tool_radius
+    # Radius of a tool where none is stated: an ISO 9409-1 flange of 40 mm pitch circle, as small arms have it, carries
+    # tools that are no thinner at the flange. Assumed; reports say so.
+    return 0.02 if robot.tool_radius is None else robot.tool_radius
 
 
 # Start and end (3,), (3,) [m] of a segment, in one frame

@@ -15,9 +15,6 @@ from posture_opt.numerics import Array
 from posture_opt.robot.capsule_fit import Edges
 
 MAX_FACES = 100_000  # Faces of a mesh whose own surface is used; of a finer one the convex hull, which contains it
-_MAX_BYTES = 50_000_000  # Largest mesh file that is read
-# Largest coordinate of a mesh that is used, in m or in the unit of its file: a thousand kilometres in mm
-_MAX_COORDINATE = 1e9
 # What robots are described with; archives, of which a small one may unfold to anything, are not
 _MESH_SUFFIXES = {".stl", ".obj", ".ply", ".off", ".dae"}
 
@@ -77,7 +74,8 @@ def _read_edges(path: Path, scale: tuple[float, ...], _changed: int, _size: int)
 
 
 def _usable(coordinates: Array) -> bool:
-    return bool(np.all(np.abs(coordinates) < _MAX_COORDINATE))  # NaN is below nothing
+    # Largest coordinate of a mesh that is used, in m or in the unit of its file: a thousand kilometres in mm.
+    return bool(np.all(np.abs(coordinates) < 1e9))  # NaN is below nothing
 
 
 def _load_mesh(path: Path) -> Any:
@@ -85,7 +83,7 @@ def _load_mesh(path: Path) -> Any:
     if path.suffix.lower() not in _MESH_SUFFIXES:
         raise UnreadMeshError(f"mesh {path.name} is none of {listed(sorted(_MESH_SUFFIXES))}")
     try:
-        data = content(path, _MAX_BYTES)
+        data = content(path, 50_000_000)  # largest mesh file that is read
         import trimesh
     except InputError as error:
         raise UnreadMeshError(f"mesh {path.name}: {error}") from None

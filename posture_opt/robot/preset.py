@@ -129,10 +129,6 @@ def load_preset(name: str) -> Robot:
     return PresetFile.model_validate(yaml.load(preset_text(name), loader)).build()
 
 
-_LEAST_LIKENESS = 0.6  # Ratio of difflib from which two names are alike, its own default
-_LEAST_LETTERS = 3  # A shorter word is in the title of nearly every arm
-
-
 def presets_like(word: str, titles: Mapping[str, str]) -> tuple[str, ...]:
     """The presets that a word may mean, the likeliest alone where one is: case, blanks, ``-`` and ``_`` do not count.
     In this order: the same name; a name with its maker in front; names that begin so, or whose titles contain it; the
@@ -145,11 +141,13 @@ def presets_like(word: str, titles: Mapping[str, str]) -> tuple[str, ...]:
     if behind_maker:
         return (max(behind_maker, key=len),)
     begun = [name for plain, name in names.items() if asked and plain.startswith(asked)]
-    titled = [name for name, title in titles.items() if len(asked) >= _LEAST_LETTERS and asked in _plain(title)]
+    # A shorter word is in the title of nearly every arm.
+    titled = [name for name, title in titles.items() if len(asked) >= 3 and asked in _plain(title)]
     if begun or titled:
         return tuple(begun or titled)
     family = [plain for plain in names if _letters(plain) == _letters(asked) != ""]
-    found = difflib.get_close_matches(asked, family or names, 1, _LEAST_LIKENESS)
+    # Ratio of difflib from which two names are alike, its own default.
+    found = difflib.get_close_matches(asked, family or names, 1, 0.6)
     return tuple(names[plain] for plain in found or family)
 
 

@@ -11,8 +11,6 @@ from typing import Literal
 from posture_opt.robot.shape import Capsule
 
 Axis = Literal[0, 1, 2]
-_MOST_PAYLOAD_SHARE = 3.0  # of the mass of the arm
-_MOST_PAYLOAD_KG = 3000.0
 
 
 @dataclass(frozen=True)
@@ -148,7 +146,7 @@ class Robot:
         No industrial arm is rated for its own mass, and none for 3 t (FANUC M-2000iA/2300: 2.3 t at 11 t, unverified).
         """
         mass = sum(joint.mass for joint in self.joints)
-        return _MOST_PAYLOAD_SHARE * mass if mass > 0 else _MOST_PAYLOAD_KG
+        return 3.0 * mass if mass > 0 else 3000.0  # of the mass of the arm
 
     @property
     def n(self) -> int:

@@ -12,9 +12,6 @@ from posture_opt.numerics import Array
 from posture_opt.robot.robot import Axis, Factor, frame_factors
 from posture_opt.robot.urdf_tree import UrdfJoint
 
-# Largest component of a unit vector across a coordinate axis that it is taken for: far below what poses show
-_AXIS_TOLERANCE = 1e-14
-
 
 @dataclass(frozen=True)
 class ChainSegment:
@@ -94,7 +91,8 @@ def _motion_factors(joint: UrdfJoint, index: int) -> tuple[Factor, ...]:
     x, y, z = unit = axis / np.linalg.norm(axis)
     axes: tuple[Axis, ...] = (0, 1, 2)
     for axis in axes:
-        if unit[axis] > 0 and np.abs(np.delete(unit, axis)).max() < _AXIS_TOLERANCE:
+        # Largest component of a unit vector across a coordinate axis that it is taken for: far below what poses show.
+        if unit[axis] > 0 and np.abs(np.delete(unit, axis)).max() < 1e-14:
             return (Factor(kind, axis, 0.0, parameter, index),)
     yaw, pitch = math.atan2(y, x), math.atan2(math.hypot(x, y), z)
     return (

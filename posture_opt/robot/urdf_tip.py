@@ -15,11 +15,8 @@ from posture_opt.robot.urdf_tree import UrdfJoint, UrdfTree
 _FINGER_NAME = re.compile(r"finger|grip|jaw|knuckle|claw|thumb", re.IGNORECASE)
 # A wrist joint may be named after the gripper that it turns
 _WRIST_NAME = re.compile(r"roll|rotat|wrist|pitch|yaw|tilt", re.IGNORECASE)
-# Stroke of a finger: Franka hand 40 mm, WSG 50 55 mm; quills of SCARA robots and linear axes have 100 mm or more
-_MAX_FINGER_STROKE_M = 0.08
 # Moving joints in front of a finger that is known by nothing but its stroke: so many give the arm its position
 _MIN_ARM_JOINTS = 3
-_SAME_RANGE_RATIO = 0.01  # Ranges of two fingers that are built alike differ by less
 
 NAMED = "by its name"
 ALIKE = "beside another like it on the same link"
@@ -134,7 +131,8 @@ def _finger_named(name: str) -> bool:
 
 
 def _short_slide(joint: UrdfJoint) -> bool:
-    return joint.type == "prismatic" and _range(joint) <= _MAX_FINGER_STROKE_M
+    # Stroke of a finger: Franka hand 40 mm, WSG 50 55 mm; quills of SCARA robots and linear axes have 100 mm or more.
+    return joint.type == "prismatic" and _range(joint) <= 0.08
 
 
 def _range(joint: UrdfJoint) -> float:
@@ -144,12 +142,11 @@ def _range(joint: UrdfJoint) -> float:
 
 def _same_range(one: UrdfJoint, other: UrdfJoint) -> bool:
     a, b = _range(one), _range(other)
-    return a == b or abs(a - b) <= _SAME_RANGE_RATIO * min(a, b)
+    return a == b or abs(a - b) <= 0.01 * min(a, b)  # ranges of two fingers that are built alike differ by less
 
 
 FLANGE = "tool0"  # ROS-Industrial's name of the tool flange
 _TOOL_NAME = re.compile(r"(^|_)(tool|tcp|eef?|end_effector|flange)(_link|_frame)?$", re.IGNORECASE)
-_MAX_LISTED_LINKS = 12  # Links that a message lists; hands have more leaves than a reader compares
 
 
 @dataclass(frozen=True)
@@ -183,7 +180,8 @@ def chosen_tip(tree: UrdfTree, base: str) -> ChosenTip:
             ends = dict.fromkeys((*moved, *tree.leaves(base)))
             return ChosenTip(link, named, tuple(leaf for leaf in ends if leaf != link and _moves(tree, base, leaf)))
     message = f"the URDF has {len(moved)} last links behind '{base}'"
-    named_links = listed(_tip_options(tree, base), _MAX_LISTED_LINKS)
+    # Links that a message lists; hands have more leaves than a reader compares.
+    named_links = listed(_tip_options(tree, base), 12)
     raise InputError(Issue(message, ("tip_link",), None, f"name one: tip_link: {named_links}"))
 
 

@@ -22,18 +22,9 @@ from posture_opt.units import Angle, number, plus_minus, shown
 
 # Cycles per revolution between which lines are searched; below lie eccentricity and second harmonic
 MIN_CYCLES, MAX_CYCLES = 2.5, 300.0
-_SLOW_BELOW_CYCLES = 5.0  # Cycles per revolution below which it is one of the slow curves over its joint
 OVERSAMPLING = 3.0  # Grid points per spacing 2π / range at which neighbouring frequencies are independent
-_SAME_VALUE_RAD = 1e-3  # Joint values nearer to each other than this [rad] are one: a twentieth of the shortest period
-_MIN_JOINT_VALUES = 10  # Different values of a joint; fewer are met by some line of thousands whatever the errors are
-_ALIAS_WINDOW = 0.9  # Value of the spectral window from which two lines have columns that are alike in all but rounding
-# Standard error of cycles per revolution from which on it is said: smaller ones change nothing that is looked at
-_MIN_STATED_CYCLES_ERROR = 0.05
-_MIN_PERIODS = 1.5  # Periods within the range of a joint from which on an error has a frequency; fewer are a curve
 _SLOW_INSPECTION = "{target} over its whole range: encoder or gear off centre, a bent shaft, cables and hoses that pull"
-_MAX_LISTED_LINES = 3  # Lines in a sentence
 _LINE_UNITS = " (amplitudes at cycles per revolution)"
-_WINDOW_VALUES = 500  # Joint values that the spectral window is taken of; chosen for time
 
 
 class CyclicError(Harmonic):
@@ -120,7 +111,7 @@ class CyclicError(Harmonic):
     @property
     def slow(self) -> bool:  # type: ignore[override] # of this very instance
         """Whether all its lines are so slow that they are curves over the joint's range rather than ripple."""
-        return max(self.lines) < _SLOW_BELOW_CYCLES
+        return max(self.lines) < 5.0  # cycles per revolution below which it is one of the slow curves over its joint
 
     @property
     def name(self) -> str:
@@ -138,7 +129,7 @@ class CyclicError(Harmonic):
 
     def worded(self, estimate: FittedSizes) -> str:
         """The cause in one clause; of several lines how many the data tell apart, and where the largest is. What has
-        fewer than `_MIN_PERIODS` within the range of the joint is a curve, whatever its line."""
+        fewer than 1.5 within the range of the joint is a curve, whatever its line."""
         slow = f"{self.joint} has a slow error over its range"
         bands = self.bands(estimate)
         if not bands:
@@ -152,7 +143,8 @@ class CyclicError(Harmonic):
 
     def sharp(self, span: float) -> tuple[int, ...]:
         """The lines that have a frequency within a range of the joint [rad]; all of them where it is not known."""
-        return tuple(i for i, k in enumerate(self.lines) if not span > 0 or k * span / TURN >= _MIN_PERIODS)
+        # Periods within the range of a joint from which on an error has a frequency; fewer are a curve.
+        return tuple(i for i, k in enumerate(self.lines) if not span > 0 or k * span / TURN >= 1.5)
 
     def bands(self, estimate: FittedSizes) -> tuple[tuple[int, ...], ...]:
         """The lines that have a frequency, together where the values of the joint do not tell them apart. The strongest
@@ -177,7 +169,9 @@ class CyclicError(Harmonic):
         error = math.nan if self.further else estimate.values.get("cycles", (0.0, math.nan, ""))[1]
         if not math.isfinite(error) and estimate.span > 0:
             error = cycles_error(self._amplitudes(estimate)[band[0]], estimate.span)
-        if len(band) > 1 or not error > _MIN_STATED_CYCLES_ERROR:
+        # Standard error of cycles per revolution from which on it is said: smaller ones change nothing that is looked
+        # at.
+        if len(band) > 1 or not error > 0.05:
             return self.band_text(band)
         digits = max(-math.floor(math.log10(error)), 0)
         return f"{self.lines[band[0]]:.{digits}f} ± {error:.{digits}f}"
@@ -303,8 +297,10 @@ class CyclicError(Harmonic):
         """Cycles per revolution (k,) that the values q (N,) [rad] of a joint resolve. None by few values, on a lattice
         the lower half: values spaced by δ cannot separate k from ``2π/δ − k``, and the spectral window ``|Σ exp(i k q)|
         / N`` is one at 2π/δ."""
-        values = np.unique(np.round(q / _SAME_VALUE_RAD))
-        if len(values) < _MIN_JOINT_VALUES:
+        # Joint values nearer to each other than this [rad] are one: a twentieth of the shortest period.
+        values = np.unique(np.round(q / 1e-3))
+        # Different values of a joint; fewer are met by some line of thousands whatever the errors are.
+        if len(values) < 10:
             return np.zeros(0)
         cycles = cls.grid(float(np.ptp(q)))
         return np.asarray(cycles[cycles <= _alias_period(q) / 2])
@@ -318,12 +314,13 @@ class CyclicError(Harmonic):
 def _alias_period(q: Array) -> float:
     """The least distance of two lines that the values q (N,) [rad] cannot separate [cycles per revolution]; inf for
     none."""
-    q = q[:: -(-len(q) // _WINDOW_VALUES)]
+    q = q[:: -(-len(q) // 500)]  # joint values that the spectral window is taken of; chosen for time
     cycles = CyclicError.grid(float(np.ptp(q)))
     far = np.concatenate([cycles, cycles + MAX_CYCLES])
     far = far[far * np.ptp(q) > 4 * math.pi]  # nearer, the window has its own main lobe
     window = np.abs(np.exp(1j * np.outer(far, q)).mean(axis=1))
-    aliased = far[window > _ALIAS_WINDOW]
+    # Value of the spectral window from which two lines have columns that are alike in all but rounding.
+    aliased = far[window > 0.9]
     return float(aliased[0]) if len(aliased) else math.inf
 
 
@@ -333,5 +330,5 @@ def _together(amplitudes: Sequence[float], band: Sequence[int]) -> float:
 
 
 def _first_listed(cycles: Sequence[float]) -> str:
-    texts = [cycles_text(k) for k in cycles[:_MAX_LISTED_LINES]]
+    texts = [cycles_text(k) for k in cycles[:3]]  # lines in a sentence
     return ", ".join(texts) + " …" if len(cycles) > len(texts) else enumerated(texts)

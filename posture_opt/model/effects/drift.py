@@ -23,7 +23,6 @@ from posture_opt.model.effects.base.effect import (
 )
 from posture_opt.units import Time, plus_minus, shown
 
-_SETTLING_TIME_CONSTANTS = 3.0  # time constants after which 5 % are left
 # Time constants that are tried, of the duration; slower than half of it an exponential is a line
 _CONSTANT_SHARES = (0.03, 0.06, 0.12, 0.25, 0.5)
 
@@ -143,7 +142,7 @@ class Drift(Effect):
 
 
 def _settling(estimate: FittedSizes) -> str:
-    value, error = (_SETTLING_TIME_CONSTANTS * part for part in estimate.entry("constant"))
+    value, error = (3.0 * part for part in estimate.entry("constant"))  # time constants after which 5 % are left
     return shown(value, "time", error) if estimate.timed else plus_minus(value, error, 1.0, "rows")
 
 

@@ -53,10 +53,6 @@ class InstrumentField(SoleEffect):
                 found.append(Sensitivity(twist=((vector[0], vector[1], vector[2]), ZERO)))
         return tuple(found)
 
-    @property
-    def omitted(self) -> str:
-        return "left out: it belongs to the instrument and not to the arm"
-
     def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
         """How many coefficients there are: none of them alone is a size."""
         return (Size("size", f"{len(estimate.values)} coefficients, see the JSON document"),)

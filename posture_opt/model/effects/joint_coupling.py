@@ -18,11 +18,6 @@ from posture_opt.numerics import TURN
 from posture_opt.robot.robot import Robot
 from posture_opt.units import plus_minus
 
-# Ratio from which a joint is carried along as a whole: no slack or bearing does that, but a gear or a controller does
-_CARRYING_RATIO = 0.5
-
-_WRIST_JOINTS = 3  # Joints of a wrist, whose motors may sit behind all of them
-
 
 class JointCoupling(JointEffect):
     """``dq_B = c q_A``: joint B (``joint``) follows joint A (``follows``) with the ratio c [rad/rad].
@@ -88,17 +83,20 @@ class JointCoupling(JointEffect):
         None elsewhere."""
         names = robot.joint_names
         ends = sorted((names.index(self.joint), names.index(self.follows)))
-        if ends[1] - ends[0] == 1 or ends[0] >= robot.n - _WRIST_JOINTS:
+        # Joints of a wrist, whose motors may sit behind all of them.
+        if ends[1] - ends[0] == 1 or ends[0] >= robot.n - 3:
             return None
         between = " and ".join(names[ends[0] + 1 : ends[1]])
         needs = f"a shaft, belt or cable from {self.follows} to {self.joint} that passes {between}"
         return PlausibleRange(0.0, 0.0, "ratio", needs, "Craig, Introduction to Robotics, section 3.7")
 
     def carried(self, robot: Robot, q: Sequence[Scalar]) -> Mapping[int, Scalar]:
-        """``c q_A`` [rad] of a ratio above `_CARRYING_RATIO`; nothing below, where loads hardly change."""
+        """``c q_A`` [rad] of a ratio above 0.5; nothing below, where loads hardly change."""
         ratio = self.values[0] if self.into == "joint" else 0.0
         names = robot.joint_names
-        return {names.index(self.joint): ratio * q[names.index(self.follows)]} if abs(ratio) > _CARRYING_RATIO else {}
+        # Ratio from which a joint is carried along as a whole: no slack or bearing does that, but a gear or a
+        # controller does.
+        return {names.index(self.joint): ratio * q[names.index(self.follows)]} if abs(ratio) > 0.5 else {}
 
     def abscissa(self, state: ArmState, timed: bool = True) -> Abscissa:
         """The value of the joint that it follows [deg]."""

@@ -29,9 +29,6 @@ from posture_opt.units import Time, number, shown
 
 _Way = Literal["shift", "slide", "settle"]
 SLIP_MOMENTS = 50  # Moments at which a slip is looked for, before those between two of them
-# Rows before a slip and as many behind it: a few rows that are off are outliers, or where the arm was
-_MIN_ROWS_EACH_SIDE = 10
-_MIN_ROWS_DIVISOR = 4  # One part in so many of the rows is enough where they are few
 _BASE, _TOOL = "base", "tool"
 # Way of a slip of a frame -> its parameters: shifted in space, slid and turned on the floor, or shifted and tilted
 _FRAME_PARAMETERS: dict[_Way, tuple[str, ...]] = {
@@ -48,11 +45,6 @@ _FRAME_WORDS = {
     _BASE: "the base slipped during the measurements",
     _TOOL: "the tool or its reflector was knocked out of place during the measurements",
 }
-_OMITTED = {
-    _BASE: "delivered with the base as it stood on average; set it up again and measure anew",
-    _TOOL: "delivered with the tool as it was on average; fasten the tool, its TCP and reflector, and measure anew",
-}
-_OMITTED_JOINT = "delivered with the joint as it stood on average; undo the slip, and measure anew"
 
 
 class Slip(Effect):
@@ -118,10 +110,6 @@ class Slip(Effect):
 
     def inspect(self, robot: Robot) -> str:
         return _INSPECTIONS.get(self.of, self.inspection).format(target=self.of)
-
-    @property
-    def omitted(self) -> str:
-        return f"left out: {_OMITTED.get(self.of, _OMITTED_JOINT)}"
 
     @property
     def smooth_shape(self) -> str:
@@ -198,6 +186,6 @@ def well_covered(moments: Array, times: Scalar) -> Mask:
     if not len(rows):
         return np.ones(len(moments), dtype=bool)
     before = np.searchsorted(rows, moments, side="left")
-    return np.asarray(
-        np.minimum(before, len(rows) - before) >= min(_MIN_ROWS_EACH_SIDE, len(rows) // _MIN_ROWS_DIVISOR)
-    )
+    # Rows before a slip and as many behind it: a few rows that are off are outliers, or where the arm was.
+    # One part in so many of the rows is enough where they are few.
+    return np.asarray(np.minimum(before, len(rows) - before) >= min(10, len(rows) // 4))

@@ -264,4 +264,4 @@ C_TEXT = (
     .replace("SHIFTS", repr(model.MAX_SHIFTS))
     .replace("CLOSE", repr(model.RADIUS_TOLERANCE))
 )
-"""C text of ``po_model`` and its functions, after `posture_opt.model.row_loop`."""
+"""C text of ``po_model`` and its functions, after `posture_opt.model.compiled`."""

@@ -21,8 +21,8 @@ def joint_sigmas(robot: Robot, repeatability: float, weights: Mapping[str, float
     """Independent joint errors that scatter the tool point as much as the data sheet's RP [m] says.
 
     Every joint j gets ``σ_j = s w_j ℓ_j``: ``w_j ≥ 0`` its weight, 1 unless given, no source of 0; ``ℓ_j`` 1 for
-    revolute joints and, for prismatic ones, the lever [m/rad] by which a revolute joint moves the tool point in the root
-    mean square, so that at equal weights a slide scatters the tool point as a turn does. The scale s makes the median of
+    revolute joints and, for prismatic ones, the lever [m/rad] by which a revolute joint moves the tool point in the
+    root mean square: at equal weights a slide scatters the tool point as a turn does. The scale s makes the median of
     ``RP = E l + 3 sd l``, l the length of ``N(0, J Σ Jᵀ)``, over stated postures the repeatability: to first order RP
     is proportional to s. ISO 9283:1998, 7.2.2, measures five poses in a cube in the middle of the working space, which
     differ with every robot and its user; :func:`matching_postures` take their place.
@@ -52,8 +52,8 @@ def joint_sigmas(robot: Robot, repeatability: float, weights: Mapping[str, float
 def matching_postures(robot: Robot) -> Array:
     """(200, n) postures [rad or m]: of 400 spread evenly over the joint ranges the middle half by reach.
 
-    Their median RP is that of 40 000 to 1 % (UR10, Panda, SCARA); reach is the distance of the tool point from the first
-    joint. The additive recurrence is the same on every machine. Source: M. Roberts, The unreasonable effectiveness of
+    Their median RP is that of 40 000 to 1 % (UR10, Panda, SCARA); reach is the distance of the tool point from joint 1.
+    The additive recurrence is the same on every machine. Source: M. Roberts, The unreasonable effectiveness of
     quasirandom sequences (2018).
     """
     drawn, ratio = 400, 2.0

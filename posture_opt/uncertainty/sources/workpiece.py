@@ -23,7 +23,6 @@ from posture_opt.units import Angle, Length
 POSITION, ANGLE, FEATURE = "workpiece.position", "workpiece.angle", "feature.position"
 # Each error has three independent coordinates of one standard deviation; they are sources with these ends
 COORDINATES = "xyz"
-_MAX_ANGLE = math.radians(5.0)  # Turns enter to first order: at 5 deg the variance that they cause is right to 2 %
 
 
 class WorkpieceErrors(Spec):
@@ -35,7 +34,8 @@ class WorkpieceErrors(Spec):
     position: Annotated[Length, Field(ge=0)] = Field(
         0.0, description="of each coordinate of its origin", examples=["0.05 mm"]
     )
-    angle: Annotated[Angle, Field(ge=0, le=_MAX_ANGLE)] = Field(
+    # Turns enter to first order: at 5 deg the variance that they cause is right to 2 %.
+    angle: Annotated[Angle, Field(ge=0, le=math.radians(5.0))] = Field(
         0.0, description="of each small turn, about x, y and z through its origin", examples=["0.02 deg"]
     )
 

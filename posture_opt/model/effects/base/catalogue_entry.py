@@ -92,10 +92,6 @@ class CatalogueEntry(Cause, Spec):
     @abstractmethod
     def stated_size(self) -> str: ...
 
-    def planning_note(self, kept: bool) -> str:
-        """Whether a task is planned with it and why not; empty where it simply is."""
-        return ""
-
     @classmethod
     def kind_name(cls) -> str:
         """The ``kind`` of every instance."""

@@ -262,15 +262,6 @@ class Effect(CatalogueEntry):
             return f"({len(self.dimensions)} coefficients)"
         return str(self.sizes(estimate)[0])
 
-    def planning_note(self, kept: bool) -> str:
-        if self.for_planning:
-            return ""
-        return "kept, as requested: the 'time' of the task says when it is done" if kept else self.omitted
-
-    @property
-    def omitted(self) -> str:
-        return "left out: it belongs to this session and not to the arm"
-
     @model_validator(mode="after")
     def _estimate_fits(self) -> Effect:
         known = dict(self.dimensions)

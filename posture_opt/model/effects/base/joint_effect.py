@@ -26,9 +26,6 @@ CATALOGUE_AMPLITUDE = 0.3e-3
 # Amplitude [rad] of one cycle per revolution up to which a disc or a gear may be off its centre: 60 µm at a radius of
 # 20 mm. In more cycles three times `CATALOGUE_AMPLITUDE`, of gears that are worn or badly aligned.
 _LARGEST_AMPLITUDE = 3e-3
-_DISC_CYCLES = 2.0  # Cycles per revolution of what is off its centre, or oval or tilted
-_WHOLE_CYCLE_SHARE = 0.75  # Share of a cycle that a joint has to be moved over for the error to look like no other
-_WHOLE_CYCLES = 1e-9  # By how much a number of cycles per revolution may differ from a whole one: rounding
 
 
 class EffectOfJoint(Effect):
@@ -102,7 +99,8 @@ class Harmonic(JointEffect):
 
     def plausible(self, robot: Robot) -> PlausibleRange | None:
         """Up to `_LARGEST_AMPLITUDE` of one cycle and of two, and a third of it of more."""
-        high = _LARGEST_AMPLITUDE if self.frequency <= _DISC_CYCLES else _LARGEST_AMPLITUDE / 3
+        # Cycles per revolution of what is off its centre, or oval or tilted.
+        high = _LARGEST_AMPLITUDE if self.frequency <= 2.0 else _LARGEST_AMPLITUDE / 3
         needs = "a gear or an encoder that errs by more than any in a catalogue"
         return PlausibleRange(0.0, high, "angle", needs, "Harmonic Drive, catalogue CSF and CSG, positional accuracy")
 
@@ -119,7 +117,8 @@ class Harmonic(JointEffect):
     def inspect_fitted(self, robot: Robot, estimate: FittedSizes) -> str:
         cycle = TURN / self.frequency
         text = self.inspect(robot)
-        if not 0 < estimate.span < _WHOLE_CYCLE_SHARE * cycle:
+        # Share of a cycle that a joint has to be moved over for the error to look like no other.
+        if not 0 < estimate.span < 0.75 * cycle:
             return text
         moved, whole = (f"{math.degrees(angle):.0f}" for angle in (estimate.span, cycle))
         return (
@@ -131,7 +130,8 @@ class Harmonic(JointEffect):
     def valid_between(self) -> tuple[float, float] | None:
         """The measured range, unless the error repeats after a whole turn: then its phase is the same everywhere.
         Cycles that are found from data have an error, and the phase is lost where it has added up."""
-        repeats = all(abs(k - round(k)) < _WHOLE_CYCLES for k in self.frequencies)
+        # By how much a number of cycles per revolution may differ from a whole one: rounding.
+        repeats = all(abs(k - round(k)) < 1e-9 for k in self.frequencies)
         return None if repeats else self.measured_range
 
     @property

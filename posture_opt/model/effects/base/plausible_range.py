@@ -14,8 +14,6 @@ from posture_opt.robot.posture import drawn_between
 from posture_opt.robot.robot import Factor, Joint, Robot
 from posture_opt.units import DIMENSIONS, shown
 
-_STANDARD_ERRORS = 2.0  # Standard errors by which an estimate may be outside of a range: 95 % of them are within
-
 
 @dataclass(frozen=True)
 class PlausibleRange:
@@ -30,7 +28,8 @@ class PlausibleRange:
 
     def holds(self, value: float, std: float) -> bool:
         """Whether a size [SI] is within the range, give or take two of its standard errors."""
-        error = _STANDARD_ERRORS * std if math.isfinite(std) else 0.0
+        # Standard errors by which an estimate may be outside of a range: 95 % of them are within.
+        error = 2.0 * std if math.isfinite(std) else 0.0
         return self.low - error <= value <= self.high + error
 
     def would_need(self, value: float) -> str:
@@ -66,14 +65,9 @@ CATALOGUE = (
     ("RV-450E", 4410.0, 1176 / _ARCMIN),
 )
 SOURCE = "Harmonic Drive, catalogue CSF and CSG; Nabtesco, catalogue RV-E"
-# How much softer a joint may be than its gear: bearings, housing or a belt in series, a ratio of 30 for 100
-_IN_SERIES = 4.0
 # Turn [rad] of a joint under the torque that its gear is rated for, at the most: 1.7 to 2.6 mrad of a strain-wave gear
-# by `CATALOGUE`, times `_IN_SERIES`
+# by `CATALOGUE`, times 4.0
 LARGEST_TURN = 1e-2
-# Mass of links that state none, per length: UR5 and UR10 have 15 to 20 kg/m, and less is on the safe side
-_KG_PER_M = 10.0
-_POSTURES = 200  # Random postures whose largest torque is that of the arm, to some percent
 
 
 def least_stiffness(robot: Robot, joint: int) -> float:
@@ -82,15 +76,17 @@ def least_stiffness(robot: Robot, joint: int) -> float:
     all postures, with the payload of the file. A wrist that carries nothing has the smallest gear."""
     load = _largest_torques(robot)[joint]
     soft = next((stiffness for _, rated, stiffness in CATALOGUE if rated >= load), CATALOGUE[-1][2])
-    return soft / _IN_SERIES
+    # How much softer a joint may be than its gear: bearings, housing or a belt in series, a ratio of 30 for 100.
+    return soft / 4.0
 
 
 @lru_cache(maxsize=8)
 def _largest_torques(robot: Robot) -> tuple[float, ...]:
-    """(n,) torque of gravity on each joint [N m], the largest of `_POSTURES` random ones."""
+    """(n,) torque of gravity on each joint [N m], the largest of 200 random ones."""
     loaded = replace(robot, joints=tuple(map(_with_mass, robot.joints, map(_length, robot.links))))
     low, high = (np.clip(edges, -np.pi, np.pi) for edges in drawn_between(robot))  # a slide may have no limits
-    q = np.random.default_rng(0).uniform(low, high, size=(_POSTURES, robot.n))
+    # Random postures whose largest torque is that of the arm, to some percent.
+    q = np.random.default_rng(0).uniform(low, high, size=(200, robot.n))
     state = ArmState(loaded, list(q.T), Inputs(payload=robot.payload))
     return tuple(float(np.max(np.abs(np.asarray(state.torque(i), dtype=float)))) for i in range(robot.n))
 
@@ -102,4 +98,5 @@ def _length(link: tuple[Factor, ...]) -> float:
 
 def _with_mass(joint: Joint, length: float) -> Joint:
     known = np.isfinite([joint.mass, *joint.com]).all()
-    return joint if known else replace(joint, mass=_KG_PER_M * length, com=(0.0, 0.0, 0.0))
+    # Mass of links that state none, per length: UR5 and UR10 have 15 to 20 kg/m, and less is on the safe side.
+    return joint if known else replace(joint, mass=10.0 * length, com=(0.0, 0.0, 0.0))

@@ -111,12 +111,6 @@ class NoiseEffect(CatalogueEntry):
     def stated_size(self) -> str:
         return f"({', '.join(f'{name} {shown(value, dimension)}' for name, value, dimension in self.stated)})"
 
-    def planning_note(self, kept: bool) -> str:
-        """What of the arm is added to its scatter; what is of the measurement is left out."""
-        if self.of_arm:
-            return "it spreads the tool point from repeat to repeat, and is under effects in extended.yaml"
-        return "left out: it belongs to the measurement and not to the arm"
-
     def scatter(self, robot: Robot) -> dict[str, float]:
         """Model parameter -> σ that is added to its scatter from repeat to repeat [rad or m]."""
         return {}
