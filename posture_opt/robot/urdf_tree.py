@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Container, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
@@ -71,13 +71,13 @@ class UrdfTree:
         children = {joint.child for joint in self.joints}
         return [link for link in self.links if link not in children]
 
-    def leaves(self, base: str) -> list[str]:
-        """The links behind ``base`` that carry no joint."""
+    def leaves(self, base: str, without: Container[str] = ()) -> list[str]:
+        """The links behind ``base`` that carry no joint but those named in ``without``."""
         found, open_links = [], [base]
         while open_links:
             link = open_links.pop()
-            below = self.below(link)
-            open_links += [joint.child for joint in below]
+            below = [joint.child for joint in self.below(link) if joint.name not in without]
+            open_links += below
             found += [] if below else [link]
         return sorted(found)
 
@@ -111,6 +111,10 @@ class UrdfTree:
             joints.insert(0, above[link])
             link = above[link].parent
         return joints if link == base else []
+
+    def moving(self, base: str, tip: str) -> list[UrdfJoint]:
+        """The joints of `path` that move."""
+        return [joint for joint in self.path(base, tip) if joint.type != "fixed"]
 
     def require(self, link: str, key: str) -> None:
         """Refuse a link that the file does not have."""
