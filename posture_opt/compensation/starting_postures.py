@@ -15,7 +15,7 @@ from posture_opt.compensation.task_postures import Found, TaskPostures
 from posture_opt.errors import InputError, NoSolutionError
 from posture_opt.model.arm import Arm
 from posture_opt.numerics import Array
-from posture_opt.robot.joint_ranges import drawn_between
+from posture_opt.robot.posture import drawn_between
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.problem_data import ProblemData

@@ -15,7 +15,7 @@ import numpy as np
 from posture_opt.errors import NoSolutionError
 from posture_opt.model.reach_bound import stretched
 from posture_opt.numerics import Array
-from posture_opt.robot.joint_ranges import drawn_between
+from posture_opt.robot.posture import drawn_between
 from posture_opt.selection.answer.other_postures import configurations
 from posture_opt.selection.answer.selector import PostureSelector
 from posture_opt.selection.answer.solution import Solution

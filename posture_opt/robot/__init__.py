@@ -18,8 +18,8 @@ from posture_opt.robot.shape import Capsule
 from posture_opt.robot.urdf import UrdfRobot
 from posture_opt.spec import one_of
 
+# Every format of the robot: section; the key kind selects one
 FORMATS: tuple[type[RobotFormat], ...] = (DhRobot, MdhRobot, UrdfRobot, PresetRobot, FlangeRobot)
-"""Every format of the ``robot:`` section; the key ``kind`` selects one."""
 
 if TYPE_CHECKING:
     RobotSpec = RobotFormat

@@ -21,7 +21,7 @@ from posture_opt.report.page.style import image
 from posture_opt.report.parts.task_parts import budget_block
 from posture_opt.report.scene.arm_figure import shortened
 from posture_opt.report.text.blocks import Table
-from posture_opt.uncertainty.spread.budget_groups import ShareGroup
+from posture_opt.uncertainty.spread.budget import ShareGroup
 
 
 @pytest.fixture(scope="module")

@@ -41,7 +41,6 @@ if TYPE_CHECKING:
     from posture_opt.changes.hypotheses import Visibility
     from posture_opt.changes.what_changed import LikelyChange
     from posture_opt.experiments.information import ExpectedErrors
-    from posture_opt.experiments.measurement_plan import MeasurementPlan
 
 _MAX_ROWS = 60
 _UNKNOWN = "unknown"

@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from posture_opt.numerics import Array, Json, round_below
-from posture_opt.robot.joint_ranges import drawn_between
+from posture_opt.robot.posture import drawn_between
 from posture_opt.selection.answer.target_answer import TargetAnswer
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.program.task_target import Reach, TaskTarget

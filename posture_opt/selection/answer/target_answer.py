@@ -179,7 +179,8 @@ class TargetAnswer(Result):
     @cached_property
     def orientation(self) -> Orientation:
         """How far the tool leans and turns by the errors, at the worst station."""
-        return Orientation.of(self.spread, self.optimisation_problem.task.tool_axis)
+        spread, axis = self.spread, self.optimisation_problem.task.tool_axis
+        return Orientation.of(spread.tool_point, spread.q, spread.pose_covariance[3:, 3:], axis)
 
     @cached_property
     def lower_bound(self) -> LowerBound | None:

@@ -18,7 +18,7 @@ from posture_opt.model.arm import Arm
 from posture_opt.model.chain import Scalar
 from posture_opt.model.reach_bound import Shell
 from posture_opt.numerics import Array
-from posture_opt.robot.joint_ranges import drawn_between
+from posture_opt.robot.posture import drawn_between
 from posture_opt.selection.tasks import Task
 from posture_opt.selection.tasks.workpiece import Workpiece
 from posture_opt.uncertainty.spread.task_spread import across_basis

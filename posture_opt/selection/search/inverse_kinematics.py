@@ -18,11 +18,10 @@ import numpy as np
 
 from posture_opt.model.arm import Arm
 from posture_opt.model.chain import stack
-from posture_opt.model.compiled import BatchFunction
+from posture_opt.model.compiled import BatchFunction, RowLoop
 from posture_opt.model.ldl import ldl, solved
-from posture_opt.model.row_loop import RowLoop
 from posture_opt.numerics import Array
-from posture_opt.robot.joint_ranges import drawn_between
+from posture_opt.robot.posture import drawn_between
 from posture_opt.selection.program.optimisation_problem import Alignment
 from posture_opt.selection.program.task_target import FREE, Reach, TaskTarget, spin_axis
 from posture_opt.selection.tasks import Task

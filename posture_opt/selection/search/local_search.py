@@ -16,8 +16,7 @@ import casadi as ca
 import numpy as np
 
 from posture_opt.collision.contacts import Contacts
-from posture_opt.model.compiled import BatchFunction
-from posture_opt.model.row_loop import RowLoop
+from posture_opt.model.compiled import BatchFunction, RowLoop
 from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.selection.program.nlp import Nlp
 from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE

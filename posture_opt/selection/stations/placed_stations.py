@@ -24,7 +24,7 @@ from posture_opt.selection.stations.station_errors import StationErrors
 from posture_opt.selection.stations.stations_problem import SharedSuccess, Station, StationsProblem
 from posture_opt.selection.tasks.workpiece import Combine
 from posture_opt.uncertainty.sources.sources import Sources
-from posture_opt.uncertainty.spread.shared_draws import ErrorParts, SharedDraws
+from posture_opt.uncertainty.spread.success_of_all import ErrorParts, SharedDraws
 
 _COLUMNS = ("W", "Q", "main", "extra", "sigma", "gap", "loss")
 _OF_STATION = ("main", "extra", "sigma", "gap")

@@ -18,7 +18,7 @@ from posture_opt.selection.tasks.workpiece import Combine, Direction, Features, 
 from posture_opt.selection.terms import TermSpec
 from posture_opt.spec import Spec
 from posture_opt.uncertainty.regions.critical import Within
-from posture_opt.uncertainty.spread.held_part import HeldPart
+from posture_opt.uncertainty.spread.peg_spread import HeldPart
 from posture_opt.units import Angle, Celsius, Length, Mass, Time
 
 Criterion = Annotated[
