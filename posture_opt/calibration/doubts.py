@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posture_opt.measurements.measurements import Measurements
-from posture_opt.measurements.repeats import SAME_POSTURE_RAD
+from posture_opt.measurements.measurements import SAME_POSTURE_RAD, Measurements
 from posture_opt.numerics import Array, Codes, Json
 from posture_opt.statements import Statement, state
 

@@ -11,7 +11,7 @@ from posture_opt.calibration.cross_validation import position_errors
 from posture_opt.calibration.estimation.error_statistics import Statistics
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.residuals import Residuals
-from posture_opt.measurements.thinning import Thinning
+from posture_opt.measurements.repeats import Thinning
 from posture_opt.numerics import Array, Json
 
 _SAMPLED_ROWS = 2000  # rows: enough for the mean of what parameters do to the tool

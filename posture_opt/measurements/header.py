@@ -10,18 +10,19 @@ from difflib import get_close_matches
 from posture_opt.errors import BadValueError, Issue, listed, nearest, one_of
 from posture_opt.measurements.columns import AXES, LABELS, CellKind, Column
 from posture_opt.measurements.data_section import DataSpec
-from posture_opt.measurements.faults import Faults
 from posture_opt.measurements.kinds import KINDS, Position
-from posture_opt.measurements.kinds.pose_columns import ORIENTATION_GROUPS
+from posture_opt.measurements.kinds.pose import ORIENTATION_GROUPS
 from posture_opt.measurements.layout import BRACKETED_HEADER, ROUND_HEADER
 from posture_opt.measurements.orientation_columns import angle_columns, incomplete_orientation, number_columns
+from posture_opt.measurements.table import Faults
 from posture_opt.robot.robot import Robot
 from posture_opt.units import DIMENSIONS, parse_quantity
 
+# Columns of inputs of effects, with their dimension
 _INPUT_DIMENSIONS = {"payload": "mass", "temperature": "temperature", "time": "time"}
-"""Columns of inputs of effects, with their dimension."""
+# Dimension -> the unit that messages suggest
 _USUAL_UNITS = {"angle": "deg", "length": "mm", "mass": "kg", "temperature": "degC", "time": "s", "pixel": "px"}
-"""Dimension -> the unit that messages suggest."""
+# Units that instruments spell out, without a plural s
 _UNIT_ABBREVIATIONS = {
     "second": "s",
     "meter": "m",
@@ -30,17 +31,12 @@ _UNIT_ABBREVIATIONS = {
     "radian": "rad",
     "kilogram": "kg",
 }
-"""Units that instruments spell out, without a plural s."""
+# Unit of temperature -> what is added to a value to have degC
 _CELSIUS_OFFSETS = {"degC": 0.0, "°C": 0.0, "K": -273.15}
-"""Unit of temperature -> what is added to a value to have degC."""
-_RATES = {"velocity", "effort", "acceleration", "current", "torque"}
-"""Words of headers of logs that hold no position."""
-_SEVERAL_MARKERS = re.compile(r"[xyz][ _.]?(\d+)\b", re.IGNORECASE)
-"""A coordinate with the number of its marker."""
-_MISTYPED_LIKENESS = 0.8
-"""Likeness (difflib's ratio) from which a column of a foreign file is a known one with a slip."""
-_MAX_LISTED_COLUMNS = 20
-"""Columns of a foreign file that a message lists."""
+_RATES = {"velocity", "effort", "acceleration", "current", "torque"}  # Words of headers of logs that hold no position
+_SEVERAL_MARKERS = re.compile(r"[xyz][ _.]?(\d+)\b", re.IGNORECASE)  # A coordinate with the number of its marker
+_MISTYPED_LIKENESS = 0.8  # Likeness (difflib's ratio) from which a column of a foreign file is a known one with a slip
+_MAX_LISTED_COLUMNS = 20  # Columns of a foreign file that a message lists
 
 
 def column_dimensions(robot: Robot, spec: DataSpec) -> dict[str, str]:
@@ -81,7 +77,6 @@ def data_issues(spec: DataSpec, robot: Robot) -> list[Issue]:
 
 
 def _joint_issue(key: str, name: str, spec: DataSpec, robot: Robot) -> Issue | None:
-    """What is wrong with the zero or the sign of a joint; None where nothing is."""
     if name not in robot.joint_names:
         return Issue("no such joint", (key, name), name, one_of(name, robot.joint_names, "known"))
     turns = robot.joints[robot.joint_names.index(name)].type == "revolute"
@@ -92,21 +87,15 @@ def _joint_issue(key: str, name: str, spec: DataSpec, robot: Robot) -> Issue | N
 
 @dataclass
 class Header:
-    """What was found in the column headers: known columns, and what is wrong with the others.
+    """What was found in the column headers: known columns, and what is wrong with the others."""
 
-    Args:
-        found: known name -> its column.
-        unknown: header -> the known name that was probably meant; empty where none is like it.
-        unitless: known name -> what to write.
-        missing: known name -> header to add; under an empty name that nothing is measured.
-        left_out: headers that are not used, as the problem file says which are.
-    """
-
-    found: dict[str, Column] = field(default_factory=dict)
+    found: dict[str, Column] = field(default_factory=dict)  # known name -> its column
+    # header -> the known name that was probably meant; empty where none is like it
     unknown: dict[str, str] = field(default_factory=dict)
-    unitless: dict[str, str] = field(default_factory=dict)
+    unitless: dict[str, str] = field(default_factory=dict)  # known name -> what to write
+    # known name -> header to add; under an empty name that nothing is measured
     missing: dict[str, str] = field(default_factory=dict)
-    left_out: list[str] = field(default_factory=list)
+    left_out: list[str] = field(default_factory=list)  # headers that are not used, as the problem file says which are
 
     @property
     def probable_names(self) -> set[str]:
@@ -121,7 +110,6 @@ class Header:
             self._report_all(line, faults)
 
     def _report_one(self, line: int, faults: Faults, kinds: dict[str, CellKind]) -> None:
-        """The fault of a header with one thing wrong."""
         for name, near in self.unknown.items():
             hint = f"did you mean '{near}'?" if near else f"known are {', '.join(kinds)}"
             message, column, value, said = ("unknown column", name, name, hint) if name else _NAMELESS_FAULT
@@ -133,7 +121,6 @@ class Header:
             faults.add(what, name, hint=f"add {title}", line=line)
 
     def _report_all(self, line: int, faults: Faults) -> None:
-        """The fault of a header with several things wrong, with one hint for all of them."""
         parts = []
         if self.missing:
             parts.append(f"missing {listed(self.missing.values())}")
@@ -147,7 +134,6 @@ class Header:
         faults.add(f"the header does not fit: {'; '.join(parts)}", hint=self._mapping_hint(), line=line)
 
     def _mapping_hint(self) -> str:
-        """How to map the columns of a foreign file, add units, or name columns."""
         pairs = {
             near: title for title, near in self.unknown.items() if near and near not in (*LABELS, *_INPUT_DIMENSIONS)
         }
@@ -166,32 +152,22 @@ class Header:
         return "rename them or leave them out" if self.unknown else "add them"
 
 
+# Message, column, value and hint of a column without a name
 _NAMELESS_FAULT = ("a column has no name", "", None, "name it, or leave out the commas at the ends of lines")
-"""Message, column, value and hint of a column without a name."""
 
 
 def _example_mapping(header: Header) -> str:
-    """A mapping of the first missing column to the first unknown header."""
     return f'{next(iter(header.missing)) or "x"}: "{next(iter(header.unknown))}"'
 
 
 def _unit_in(hint: str) -> str:
-    """The unit in brackets at the end of a hint."""
     return hint.rpartition("[")[2].rstrip("]")
 
 
 def read_header(
     titles: Sequence[str], robot: Robot, line: int, faults: Faults, spec: DataSpec | None = None
 ) -> tuple[dict[str, Column], tuple[str, ...]]:
-    """The known columns by name, and the column headers that are left out; what else is wrong joins ``faults``.
-
-    Args:
-        titles: the column headers, as written.
-        robot: whose joints the columns may be.
-        line: of the header in the file.
-        faults: of the file.
-        spec: may map headers of the instrument, and state units.
-    """
+    """The known columns by name, and the column headers that are left out; what else is wrong joins ``faults``."""
     spec = spec or DataSpec()
     header = _read_columns(titles, robot, line, faults, spec)
     there = {*header.found, *header.probable_names}
@@ -204,9 +180,8 @@ def read_header(
 
 
 def known_columns(titles: Sequence[str], robot: Robot, line: int, faults: Faults) -> tuple[dict[str, Column], set[str]]:
-    """The known columns by name, and what unknown ones were probably meant to be; these, doubled or unitless ones join
-    ``faults``, and nothing that is missing does.
-    """
+    """The known columns by name, and what unknown ones were probably meant to be."""
+    # These, doubled or unitless ones join ``faults``, and nothing that is missing does
     header = _read_columns(titles, robot, line, faults, DataSpec())
     if _is_of_another_robot(header, robot, line, faults):
         return header.found, {*robot.joint_names, *header.probable_names}
@@ -215,7 +190,6 @@ def known_columns(titles: Sequence[str], robot: Robot, line: int, faults: Faults
 
 
 def _read_columns(titles: Sequence[str], robot: Robot, line: int, faults: Faults, spec: DataSpec) -> Header:
-    """The header, sorted into known columns and faults; doubled names and wrong units join ``faults`` at once."""
     sized, kinds = column_dimensions(robot, spec), column_kinds(robot, spec)
     _name_clashes(robot, faults)
     header = Header()
@@ -245,7 +219,6 @@ def _read_columns(titles: Sequence[str], robot: Robot, line: int, faults: Faults
 
 
 def _counted(found: list[tuple[str, str]], robot: Robot) -> list[tuple[str, str]]:
-    """The columns ``q1 … qn`` as the joints in their order, where the file names none of them."""
     names = [name.removesuffix(".approach") for name, _ in found]
     called = {f"q{k}": name for k, name in enumerate(robot.joint_names, 1)}
     if not {*called} <= {*names} or {*names} & {*robot.joint_names}:
@@ -257,14 +230,12 @@ def _counted(found: list[tuple[str, str]], robot: Robot) -> list[tuple[str, str]
 
 
 def _joints_outside(robot: Robot) -> set[str]:
-    """Joints of the URDF that are not in the chain."""
     text = robot.description.data if robot.description else b""
     found = re.findall(rb"<joint\s[^>]*?\bname\s*=\s*[\"']([^\"']+)[\"']", text)
     return {name.decode("utf-8", "replace") for name in found} - {*robot.joint_names}
 
 
 def _named_columns(titles: Sequence[str], spec: DataSpec, line: int, faults: Faults) -> list[tuple[str, str]]:
-    """Name and unit of every column, named as the problem file says."""
     found = [_split_brackets(title) for title in titles]
     for name, wanted in spec.columns.items():
         at = _matching_columns(titles, wanted)
@@ -283,7 +254,6 @@ def _named_columns(titles: Sequence[str], spec: DataSpec, line: int, faults: Fau
 
 
 def _matching_columns(titles: Sequence[str], wanted: str | int) -> list[int]:
-    """The columns that a problem file means: by number, by the whole column header, or without its unit."""
     if isinstance(wanted, int):
         return [wanted - 1] if wanted <= len(titles) else []
     plain = wanted.strip()
@@ -294,7 +264,6 @@ def _matching_columns(titles: Sequence[str], wanted: str | int) -> list[int]:
 
 
 def _header_hint(titles: Sequence[str], wanted: str | int) -> str:
-    """What was probably meant by a header that the file does not have."""
     if isinstance(wanted, int):
         return f"the file has {len(titles)} columns"
     near = nearest(wanted, titles)
@@ -312,19 +281,16 @@ def _split_brackets(title: str) -> tuple[str, str]:
 
 
 def _split_round(title: str) -> tuple[str, str]:
-    """Name and unit of a header such as ``joint1 (deg)``."""
     match = ROUND_HEADER.match(title)
     return (match["name"], match["unit"].strip()) if match else (title.strip(), "")
 
 
 def _unit_of_header(title: str) -> str:
-    """The unit of a foreign header, in brackets of either kind."""
     unit = _split_brackets(title)[1] or _split_round(title)[1]
     return _UNIT_ABBREVIATIONS.get(unit.lower().removesuffix("s"), unit)
 
 
 def _stated_unit(name: str, unit: str, spec: DataSpec, line: int, faults: Faults) -> str:
-    """The unit of the header or of the problem file; two different ones are a fault."""
     stated = spec.units.get(name, "")
     if stated and unit and stated != unit:
         message = f"the column header says '{unit}', the problem file '{stated}'"
@@ -335,7 +301,6 @@ def _stated_unit(name: str, unit: str, spec: DataSpec, line: int, faults: Faults
 
 
 def _unit_scale(name: str, unit: str, dimension: str, line: int, header: Header, faults: Faults) -> tuple[float, float]:
-    """Factor and offset of a column to SI units; a wrong or missing unit is a fault, and the cells are still read."""
     if not dimension:
         if unit not in ("", "-", "1"):
             faults.add(f"a column without dimension has the unit '{unit}'", name, unit, f"write {name}", line)
@@ -358,7 +323,6 @@ def _unit_scale(name: str, unit: str, dimension: str, line: int, header: Header,
 
 
 def _name_clashes(robot: Robot, faults: Faults) -> None:
-    """A fault for each joint that is named like a column of measurements."""
     taken = {
         *AXES,
         *ORIENTATION_GROUPS["quaternion"],
@@ -372,7 +336,6 @@ def _name_clashes(robot: Robot, faults: Faults) -> None:
 
 
 def _likely_column(title: str, free: Sequence[str], robot: Robot) -> str:
-    """What a foreign header is for: a joint by its name or number, an axis by its letter; empty where neither."""
     parts = {*re.split(r"[/.:\s]+", title)}
     if len(own := [name for name in robot.joint_names if parts & {name, f"{name}_joint", f"joint_{name}"}]) == 1:
         return own[0] if own[0] in free and not parts & _RATES else ""
@@ -387,7 +350,6 @@ def _likely_column(title: str, free: Sequence[str], robot: Robot) -> str:
 
 
 def _is_of_another_robot(header: Header, robot: Robot, line: int, faults: Faults) -> bool:
-    """Whether no column is a joint of this robot while others may be those of another one; this is then a fault."""
     joints, unknown = set(robot.joint_names), [title for title, near in header.unknown.items() if near not in AXES]
     alike = {name.lower() for name in joints} & {name.lower() for name in unknown}
     guessed = joints & header.probable_names
@@ -403,11 +365,6 @@ def _is_of_another_robot(header: Header, robot: Robot, line: int, faults: Faults
 
 
 def _note_missing(header: Header, there: set[str], robot: Robot, spec: DataSpec) -> None:
-    """Note joints without a column, and that nothing was measured, in ``header.missing``.
-
-    Args:
-        there: known names that are found or probably meant.
-    """
     guessed = {name for title, name in header.unknown.items() if name and not nearest(title, [name])}
     there = there - guessed
     several = len(header.unknown) > 1
@@ -427,7 +384,6 @@ def _note_missing(header: Header, there: set[str], robot: Robot, spec: DataSpec)
 def _contradiction_faults(
     header: Header, there: set[str], robot: Robot, line: int, faults: Faults, spec: DataSpec
 ) -> None:
-    """Faults of columns that exclude each other: points that are touched and measured, half an orientation."""
     measured = [axis for axis in AXES if axis in there]
     kinds = [(kind, sorted(kind.required(spec, ()) & {*header.found})) for kind in KINDS]
     others = [(kind, columns) for kind, columns in kinds if columns]

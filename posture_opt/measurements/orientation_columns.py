@@ -9,21 +9,18 @@ import numpy as np
 
 from posture_opt.measurements.columns import Cells, Column
 from posture_opt.measurements.data_section import DataSpec
-from posture_opt.measurements.faults import Faults
-from posture_opt.measurements.kinds.pose_columns import ORIENTATION_GROUPS, QUATERNION
+from posture_opt.measurements.kinds.pose import ORIENTATION_GROUPS, QUATERNION
 from posture_opt.measurements.rotations import axis_turn, quaternions_of
+from posture_opt.measurements.table import Faults
 from posture_opt.numerics import TURN, Array, Codes
 from posture_opt.robot.robot import Robot
 
 NO_ORIENTATION_NOTE = "orientations are left out: measurement.orientation states no σ for them"
-_NORM_TOLERANCE = 5e-3
-"""How far the norm of a quaternion written with three decimals may be off one."""
+_NORM_TOLERANCE = 5e-3  # How far the norm of a quaternion written with three decimals may be off one
+# How far the norm of a quaternion that was normalised before is off one; it is not normalised again
 _UNIT_TOLERANCE = 1e-15
-"""How far the norm of a quaternion that was normalised before is off one; it is not normalised again."""
-_MATRIX_TOLERANCE = 0.02
-"""How far the entries of a rotation matrix times its transpose may be off the identity."""
-DEGREES = ("deg", "°", "º", "Grad", "Grd")
-"""How files write degrees."""
+_MATRIX_TOLERANCE = 0.02  # How far the entries of a rotation matrix times its transpose may be off the identity
+DEGREES = ("deg", "°", "º", "Grad", "Grd")  # How files write degrees
 
 
 def _about(axes: tuple[int, int, int]) -> Callable[[Array], Array]:
@@ -34,10 +31,10 @@ def _about(axes: tuple[int, int, int]) -> Callable[[Array], Array]:
 
 
 def _fixed_xyz(v: Array) -> Array:
-    """``Rz(v₂) Ry(v₁) Rx(v₀)``, the convention of URDF."""
     return _about((2, 1, 0))(v[:, ::-1])
 
 
+# ``data: {orientation: …}`` of three angles -> (N, 3, 3) rotations of these; rotation vectors and matrices beside
 CONVENTIONS: dict[str, Callable[[Array], Array]] = {
     "rpy": _fixed_xyz,
     "intrinsic_xyz": _about((0, 1, 2)),
@@ -45,10 +42,9 @@ CONVENTIONS: dict[str, Callable[[Array], Array]] = {
     "wpr": _fixed_xyz,
     "zyz": _about((2, 1, 2)),
 }
-"""``data: {orientation: …}`` of three angles -> (N, 3, 3) rotations of these; rotation vectors and matrices beside."""
 _GROUP_WORDS = {"quaternion": "the quaternion", "vector": "the rotation vector", "matrix": "the matrix"}
+# Group of columns -> the convention that its names stand for
 _OF_GROUP = {"angles": "rpy", "abc": "abc", "wpr": "wpr", "vector": "rotation_vector"}
-"""Group of columns -> the convention that its names stand for."""
 _WORDS = {
     "rpy": "roll, pitch, yaw about fixed axes",
     "intrinsic_xyz": "turns about x, y', z''",
@@ -61,18 +57,12 @@ _WORDS = {
 
 @dataclass(frozen=True, eq=False)
 class OrientationColumns:
-    """The columns of an orientation as they were read.
+    """The columns of an orientation as they were read."""
 
-    Args:
-        names: (k,) of the columns; numbers: (N, k) their values [rad].
-        units: (k,) as written.
-        convention: how they are read; that of their names where none is stated.
-    """
-
-    names: tuple[str, ...]
-    numbers: Array
-    units: tuple[str, ...]
-    convention: str
+    names: tuple[str, ...]  # (k,) of the columns
+    numbers: Array  # (N, k) their values [rad]
+    units: tuple[str, ...]  # (k,) as written
+    convention: str  # how they are read; that of their names where none is stated
 
     def quaternions(self) -> Array:
         """(N, 4) unit quaternions (w, x, y, z) with w >= 0."""
@@ -104,7 +94,6 @@ class OrientationColumns:
             )  # fmt: skip
 
     def _of_three(self) -> Iterator[tuple[str, str, Array]]:
-        """Three angles or a vector in the other conventions, then in the other unit."""
         now, listed = self.quaternions(), ", ".join(self.names)
         for name, words in _WORDS.items():
             found = _in_convention(self.numbers, name)
@@ -222,7 +211,6 @@ def _check_matrices(numbers: Array, names: tuple[str, ...], line: Codes, faults:
 
 
 def _check_vectors(given: OrientationColumns, stated: bool, line: Codes, faults: Faults) -> None:
-    """Faults of rotation vectors: degrees that are not stated, and lengths of more than a turn."""
     names = given.names
     in_degrees = [name for name, unit in zip(names, given.units, strict=True) if unit in DEGREES]
     if in_degrees and not stated:

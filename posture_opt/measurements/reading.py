@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from posture_opt.errors import BadValueError, InputError, Issue, did_you_mean, listed
+from posture_opt.errors import InputError, Issue, did_you_mean, listed
 from posture_opt.limits import MOST_PLACES, MOST_ROBOTS
 from posture_opt.measurements.columns import (
     AXES,
@@ -19,33 +19,26 @@ from posture_opt.measurements.columns import (
     without_unmeasured,
 )
 from posture_opt.measurements.data_section import DataSpec
-from posture_opt.measurements.faults import Faults
 from posture_opt.measurements.header import column_kinds, read_header
 from posture_opt.measurements.kinds import KINDS
-from posture_opt.measurements.kinds.alternatives import likeliest
-from posture_opt.measurements.kinds.pose_columns import ORIENTATION
 from posture_opt.measurements.measurements import (
     Measurements,
-    carried_joint_values,
     measuring_order,
     nominal_poses,
     rows_back_in_time,
     still_axes,
 )
-from posture_opt.measurements.mixing import mixed_rows
-from posture_opt.measurements.orientation_columns import NO_ORIENTATION_NOTE, OrientationColumns, orientation_of
+from posture_opt.measurements.mixing import no_board_poses, present_column, with_instrument
+from posture_opt.measurements.orientation_columns import OrientationColumns, orientation_of
 from posture_opt.measurements.plausibility import HasData, plausibility_checks
 from posture_opt.measurements.repeats import apart
 from posture_opt.measurements.rotations import inverted_poses
-from posture_opt.measurements.table import TableLike, open_table
-from posture_opt.model.chain import factor_values, walk
+from posture_opt.measurements.table import Faults, TableLike, open_table
 from posture_opt.numerics import TURN, Array, Codes
 from posture_opt.robot.robot import Robot
 
-_LIMIT_TOLERANCE_RAD = 1e-3
-"""Rounding of a limit, and what an arm stops beyond it."""
-_MAX_LISTED_LINES = 10
-"""Lines that a warning lists."""
+_LIMIT_TOLERANCE_RAD = 1e-3  # Rounding of a limit, and what an arm stops beyond it
+_MAX_LISTED_LINES = 10  # Lines that a warning lists
 
 
 def read_measurements(source: TableLike, problem: HasData) -> Measurements:
@@ -87,7 +80,7 @@ def read_measurements(source: TableLike, problem: HasData) -> Measurements:
     data = _assemble_rows(cells, columns, problem, turned, faults)
     faults.refuse()
     data = _as_stated(data, problem, "instrument" in cells.codes)
-    data = _with_instrument(data, cells, problem, faults)
+    data = with_instrument(data, cells, problem, faults)
     faults.refuse()
     notes, better = plausibility_checks(data, problem, columns, turned, faults)
     faults.refuse()
@@ -103,11 +96,6 @@ def read_measurements(source: TableLike, problem: HasData) -> Measurements:
 
 
 def _check_labels(cells: Cells, faults: Faults) -> None:
-    """Refuses more robots, targets or places than can be fitted together.
-
-    Raises:
-        InputError: the column and how many are accepted.
-    """
     places = dict.fromkeys(("target", *(kind.label for kind in KINDS if kind.label)), MOST_PLACES)
     for name, limit in {"robot": MOST_ROBOTS, **places}.items():
         code = cells.code(name)
@@ -120,9 +108,8 @@ def _check_labels(cells: Cells, faults: Faults) -> None:
 def _assemble_rows(
     cells: Cells, columns: dict[str, Column], problem: HasData, turned: OrientationColumns | None, faults: Faults
 ) -> Measurements:
-    """The measurements of cells that were read without a fault; values beyond limits join ``faults``."""
     line, robot = cells.line, problem.robot
-    q = np.column_stack([_present_column(cells.number(name)) for name in robot.joint_names])
+    q = np.column_stack([present_column(cells.number(name)) for name in robot.joint_names])
     q, turned_joints = _as_counted(q, robot, problem.data)
     _check_limits(q, robot, columns, line, faults)
     check_inputs(cells, robot, faults)
@@ -186,7 +173,6 @@ def _as_counted(q: Array, robot: Robot, spec: DataSpec) -> tuple[Array, tuple[st
 
 
 def _as_stated(data: Measurements, problem: HasData, mixed: bool) -> Measurements:
-    """Poses in the direction that the file states, and those of a board in a camera as the camera in the board."""
     inverted = problem.data.direction == "inverted"
     if inverted:
         if data.position is None or data.rotation is None:
@@ -200,87 +186,17 @@ def _as_stated(data: Measurements, problem: HasData, mixed: bool) -> Measurement
 
 
 def _of_camera(data: Measurements, problem: HasData) -> Measurements:
-    """Poses of a board in the frame of a camera on the tool, as poses of the camera in the frame of the board.
-
-    ``T_board_camera = T_camera_board⁻¹``: the board stands for a tracker that sees the camera, so that the base (in
-    the board's frame) and the tool (the camera on the flange) are free.
-
-    Raises:
-        InputError: no orientations, or base and tool that are not free.
-    """
+    """Poses of a board in the frame of a camera on the tool, as poses of the camera in the frame of the board."""
+    # ``T_board_camera = T_camera_board⁻¹``: the board stands for a tracker that sees the camera, so that the base (in
+    # the board's frame) and the tool (the camera on the flange) are free
     key, robot = ("data", "frame"), problem.robot
     if data.position is None or data.rotation is None or not data.measured_axes.all():
-        raise _no_board_poses(data)
+        raise no_board_poses(data)
     if not (robot.base_free and robot.tool_free):
         hint = "write base: free and tool: free in the section robot"
         raise InputError(Issue("where the camera and the board are is not known", key, "camera", hint))
     position, rotation = inverted_poses(data.position, data.rotation)
     return replace(data, position=position, rotation=rotation, inverted=True)
-
-
-def _no_board_poses(data: Measurements) -> InputError:
-    """The file says that a camera reports poses of a board, and its rows hold none."""
-    hint = "add qw, qx, qy, qz, or a rotation vector (rx, ry, rz)"
-    message = "poses of a board have x, y, z and an orientation"
-    return InputError(Issue(message, ("data", "frame"), "camera", hint, data.file))
-
-
-def _with_instrument(data: Measurements, cells: Cells, problem: HasData, faults: Faults) -> Measurements:
-    """The rows with what they show of the pose, where that is neither a position nor a touched point."""
-    if "instrument" in cells.codes:
-        return _mixed(data, cells, problem, faults)
-    required = {k: k.required(problem.data, ()) for k in KINDS}
-    kind = next((k for k, own in required.items() if own and all(_is_read(name, cells) for name in own)), None)
-    if kind is None or data.position is not None or kind.kind == data.kind.kind:
-        return data
-    numbers = [_present_column(cells.number(column)) for column in kind.columns_in(problem.data)]
-    reading = np.column_stack([np.zeros((len(data), 0)), *numbers])
-    try:
-        instrument = kind.of(problem.data, data.point_names, data.second_names)
-        return _prepared(replace(data, reading=reading, instrument=instrument), problem)
-    except BadValueError as error:
-        raise InputError(Issue(error.message, ("data", kind.settings), hint=error.hint, file=data.file)) from None
-
-
-def _mixed(data: Measurements, cells: Cells, problem: HasData, faults: Faults) -> Measurements:
-    """The rows of several instruments, see `mixed_rows`.
-
-    Raises:
-        InputError: poses of a board without an orientation, or a σ of it; what a kind refuses.
-    """
-    of_board = problem.data.frame == "camera"
-    if of_board and data.rotation is None:
-        raise _no_board_poses(data)
-    if data.rotation is not None and not getattr(problem.measurement, ORIENTATION.key, None):
-        if of_board:
-            message, hint = "no σ of the orientation of a board is stated", "write 0.01 deg, say, as the camera is"
-            raise InputError(Issue(message, ("uncertainty", "measurement", ORIENTATION.key), hint=hint))
-        data = replace(data.without_orientation(), notes=(NO_ORIENTATION_NOTE,))
-    try:
-        found = mixed_rows(data, cells, problem.data, problem.robot.base_free, faults)
-        return found if found.part is None else _prepared(found, problem)
-    except BadValueError as error:
-        raise InputError(Issue(error.message, ("data",), hint=error.hint, file=data.file)) from None
-
-
-def _prepared(data: Measurements, problem: HasData) -> Measurements:
-    """The rows with reference values for what is unknown of their places, and the levers of their readings."""
-    q = carried_joint_values(problem.arm, data.q)
-    points, rotations = nominal_poses(problem.robot, q)
-    places = max(len(data.place_names), 1)
-    seen = data.seen(points.T, np.moveaxis(rotations, 0, -1).swapaxes(0, 1), np.zeros((places, data.kind.width)))
-    gravity = np.array(problem.robot.gravity)
-    up = -gravity / np.linalg.norm(gravity) if gravity.any() else np.array([0.0, 0.0, 1.0])
-    prepared = data.kind.prepared(seen, ~still_axes(problem.robot), up)
-    factors = problem.robot.factors
-    reached = walk(factors, factor_values(factors, [np.ascontiguousarray(column) for column in q.T]))
-    prepared = likeliest(prepared, problem.robot, reached, seen)
-    return replace(data, instrument=prepared, lever=prepared.levers(seen))
-
-
-def _is_read(name: str, cells: Cells) -> bool:
-    """Whether a column was in the file."""
-    return name in cells.numbers or name in cells.codes
 
 
 def _approach_sides(
@@ -303,12 +219,6 @@ def _visits(pose: Codes, robots: Codes, order: Codes) -> Codes | None:
     place, visit = np.column_stack([pose, robots])[order], np.zeros(len(order), dtype=np.intp)
     visit[order] = np.cumsum(np.any(np.diff(place, axis=0, prepend=place[:1]) != 0, axis=1))
     return visit
-
-
-def _present_column(values: Array | None) -> Array:
-    """The column, which the header was checked for."""
-    assert values is not None, "a missing joint was refused with the header"
-    return values
 
 
 def _codes_of_rows(values: Array) -> Codes:
@@ -335,14 +245,8 @@ def _measured_position(cells: Cells, q: Array, robot: Robot, faults: Faults) -> 
 
 
 def _derived_approach(q: Array, robots: Codes) -> tuple[Array, Array]:
-    """Side and length (N, n), (N, n) [rad or m] of each joint's last move, from the row before of the same robot.
-
-    A joint that does not move keeps the side from which it came; in the first row both are 0.
-
-    Args:
-        q: (N, n) commands [rad or m].
-        robots: (N,) code of the robot.
-    """
+    """Side and length (N, n), (N, n) [rad or m] of each joint's last move, from the row before of the same robot."""
+    # q: (N, n) commands [rad or m]; robots: (N,) code of the robot
     side, length = np.zeros_like(q), np.zeros_like(q)
     for code in np.unique(robots):
         rows = np.flatnonzero(robots == code)
@@ -355,7 +259,6 @@ def _derived_approach(q: Array, robots: Codes) -> tuple[Array, Array]:
 
 
 def _check_limits(q: Array, robot: Robot, columns: dict[str, Column], line: Codes, faults: Faults) -> None:
-    """Joint values far beyond the limits are faults: one for a whole column that fits in another unit."""
     for values, joint in zip(q.T, robot.joints, strict=True):
         column, turns = columns[joint.name], joint.type == "revolute"
         margin = TURN if turns else joint.upper - joint.lower
@@ -377,7 +280,6 @@ def _check_limits(q: Array, robot: Robot, columns: dict[str, Column], line: Code
 
 
 def _restarted_clock(data: Measurements) -> list[str]:
-    """A warning where the clock started anew."""
     if data.time is None or data.visit is not None or not len(back := rows_back_in_time(data.time, data.robot)):
         return []
     lines = ", ".join(str(data.line[row]) for row in back)
@@ -388,7 +290,6 @@ def _restarted_clock(data: Measurements) -> list[str]:
 
 
 def _sorted_rows(data: Measurements) -> tuple[str, ...]:
-    """That rows are in another order than they were made, where they are."""
     if data.visit is None or data.time is None:
         return ()
     back = rows_back_in_time(data.time, data.robot)
@@ -397,7 +298,6 @@ def _sorted_rows(data: Measurements) -> tuple[str, ...]:
 
 
 def _repeated_rows(data: Measurements) -> list[str]:
-    """A warning where rows are equal to the last digit, whatever their target: no instrument measures that twice."""
     if data.position is None:
         return []
     parts = [data.q, data.position, *(part for part in (data.rotation,) if part is not None)]
@@ -417,7 +317,6 @@ def _repeated_rows(data: Measurements) -> list[str]:
 
 
 def _moved_poses(data: Measurements) -> list[str]:
-    """A warning where rows of one ``pose`` have other commands."""
     if not data.pose_given:
         return []
     _, first, inverse = np.unique(data.pose, return_index=True, return_inverse=True)
@@ -433,7 +332,6 @@ def _moved_poses(data: Measurements) -> list[str]:
 
 
 def _idle_distances(data: Measurements, known: DataSpec) -> list[str]:
-    """A warning for each known distance to a point that no row touches."""
     names = data.point_names
     points = data.kind.touched_points(names)
     return [

@@ -22,8 +22,7 @@ from posture_opt.calibration.estimation.prior import Prior
 from posture_opt.calibration.estimation.residuals import Distance, Residuals, counted
 from posture_opt.calibration.estimation.starting_values import offset_of_tool, starting_deviations, tool_sigma
 from posture_opt.errors import InputError, Issue
-from posture_opt.measurements.affine_fit import reach
-from posture_opt.measurements.measurements import Measurements
+from posture_opt.measurements.measurements import Measurements, reach
 from posture_opt.measurements.orientation_columns import NO_ORIENTATION_NOTE
 from posture_opt.numerics import Array
 from posture_opt.selection.problem_data import ProblemData

@@ -7,8 +7,7 @@ import numpy as np
 from posture_opt.calibration.estimation.effect_sensitivities import EffectSensitivities
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.measurements.measurements import Measurements
-from posture_opt.measurements.readings.reading_search import fitting_readings, sample_of
-from posture_opt.measurements.readings.readings import coupling_readings
+from posture_opt.measurements.readings import coupling_readings, fitting_readings, sample_of
 from posture_opt.model.arm import Arm
 from posture_opt.model.effects import JointCoupling
 

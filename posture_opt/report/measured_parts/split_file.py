@@ -9,7 +9,7 @@ import numpy as np
 
 from posture_opt.csv_text import csv_line
 from posture_opt.measurements.columns import AXES
-from posture_opt.measurements.kinds.pose_columns import QUATERNION
+from posture_opt.measurements.kinds.pose import QUATERNION
 from posture_opt.statements.notation import joint_unit
 
 if TYPE_CHECKING:

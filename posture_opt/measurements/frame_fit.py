@@ -6,56 +6,44 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from posture_opt.measurements.affine_fit import reach
 from posture_opt.measurements.hand_eye import closed_rotations
+from posture_opt.measurements.measurements import reach
 from posture_opt.measurements.rotations import rotation_matrices, rotation_vectors
 from posture_opt.model.chain import factor_values, position_column, rotation_column, walk
 from posture_opt.numerics import Array, Codes, rms_length, stacked_rows
 from posture_opt.robot.robot import Robot
 
+# Standard deviations of lengths, axes and zeros of an arm that nobody calibrated; 1° of a zero set by hand
 _TOLERANCE_M, _TOLERANCE_RAD, _ZERO_RAD = 1e-3, 3e-3, 17e-3
-"""Standard deviations of lengths, axes and zeros of an arm that nobody calibrated; 1° of a zero set by hand."""
+# Standard deviations of a frame that the file states: what a calibration holds undetermined ones by, 10 mm and 1°
 _FRAME_M, _FRAME_RAD = 10e-3, 17e-3
-"""Standard deviations of a frame that the file states: what a calibration holds undetermined ones by, 10 mm and 1°."""
+# Standard deviations of what is free: a base anywhere, a tool as arms carry it
 _FREE_M, _FREE_TOOL_M, _FREE_RAD = 1e3, 0.5, 10.0
-"""Standard deviations of what is free: a base anywhere, a tool as arms carry it."""
-_START_RIDGE = 0.02
-"""Errors of an arm over the length of a tool, by which the start of a tool is held near the flange."""
-_ROUNDS = 5
-"""Gauss-Newton steps; from a closed form, four suffice even for nearly parallel axes."""
-_LEAST_SCATTER = 0.1
-"""Of the stated noise: data that are met more closely have none that could be compared."""
-_STUDENT = 4.0
-"""Degrees of freedom of the Student's t that rows are weighed by, so that gross ones decide nothing."""
+_START_RIDGE = 0.02  # Errors of an arm over the length of a tool, by which the start of a tool is held near the flange
+_ROUNDS = 5  # Gauss-Newton steps; from a closed form, four suffice even for nearly parallel axes
+_LEAST_SCATTER = 0.1  # Of the stated noise: data that are met more closely have none that could be compared
+_STUDENT = 4.0  # Degrees of freedom of the Student's t that rows are weighed by, so that gross ones decide nothing
 
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """The rows that readings are judged by, and what is known beside them.
+    """The rows that readings are judged by, and what is known beside them."""
 
-    Args:
-        rows: (m,) their indices in the data; commanded, q: (m, n) joint values, without and
-            with what others carry them [rad or m].
-        robot: the nominal arm.
-        position: (m, 3) [m]; rotation: (m, 4) quaternions; None where not measured.
-        axes: (d,) coordinates that were measured; point: (m,) codes of touched points, where no position was.
-        base_free, tool_free: frames of which nothing is known.
-        sigma: of a coordinate [m]; turn: of an orientation [rad]; spare: numbers beyond the unknowns of the frames.
-    """
-
-    rows: Codes
-    robot: Robot
+    rows: Codes  # (m,) their indices in the data
+    robot: Robot  # the nominal arm
+    # commanded, q: (m, n) joint values, without and with what others carry them [rad or m]
     commanded: Array
     q: Array
-    position: Array | None
-    rotation: Array | None
-    axes: Codes
-    point: Codes
+    position: Array | None  # (m, 3) [m]
+    rotation: Array | None  # (m, 4) quaternions; None where not measured
+    axes: Codes  # (d,) coordinates that were measured
+    point: Codes  # (m,) codes of touched points, where no position was
+    # base_free, tool_free: frames of which nothing is known
     base_free: bool
     tool_free: bool
-    sigma: float
-    turn: float
-    spare: int
+    sigma: float  # of a coordinate [m]
+    turn: float  # of an orientation [rad]
+    spare: int  # numbers beyond the unknowns of the frames
 
     @property
     def idle(self) -> set[int]:
@@ -71,30 +59,20 @@ class Sample:
 
 @dataclass(frozen=True)
 class FrameFit:
-    """What the best frames and an arm within tolerances leave.
+    """What the best frames and an arm within tolerances leave."""
 
-    Args:
-        scatter: robust standard deviation of the residuals, in units of the stated one.
-        left: RMS of the positions [m]; turned: of the orientations [rad], 0 without.
-        strain: length of the vector of deviations of parts from nominal, in their standard deviations.
-        shift: how far the tool point comes to lie from where the file starts it [m].
-        scale: factor of the measured lengths.
-    """
-
-    scatter: float
-    left: float
-    turned: float
-    strain: float
-    shift: float
-    scale: float = 1.0
+    scatter: float  # robust standard deviation of the residuals, in units of the stated one
+    left: float  # RMS of the positions [m]
+    turned: float  # of the orientations [rad], 0 without
+    strain: float  # length of the vector of deviations of parts from nominal, in their standard deviations
+    shift: float  # how far the tool point comes to lie from where the file starts it [m]
+    scale: float = 1.0  # factor of the measured lengths
 
 
 def frame_fit(sample: Sample, scaled: bool = False, rounds: int = _ROUNDS) -> FrameFit:
-    """Fit base, tool and the arm within its tolerances; with the ``scaled`` lengths of the instrument too.
-
-    ``m_i = k (B (p_i(x) + R_i(x) t) + b)`` and ``M_i = B R_i(x) T`` by Gauss-Newton in B, b, T, t, x and k, with
-    what is known of frames and parts as a prior, and rows weighed by Student's t.
-    """
+    """Fit base, tool and the arm within its tolerances; with the ``scaled`` lengths of the instrument too."""
+    # ``m_i = k (B (p_i(x) + R_i(x) t) + b)`` and ``M_i = B R_i(x) T`` by Gauss-Newton in B, b, T, t, x and k, with
+    # what is known of frames and parts as a prior, and rows weighed by Student's t
     state, scatter = _State.of(sample), np.inf
     for _ in range(rounds):
         error, columns = state.residuals(scaled)
@@ -133,7 +111,6 @@ class _State:
 
     @classmethod
     def of(cls, sample: Sample) -> _State:
-        """The nominal arm with the closed-form frames."""
         factors = sample.robot.factors
         own = _own_factors(sample.robot)
         p, R, *_ = _arm_at(sample, np.zeros(len(own)))
@@ -202,7 +179,6 @@ class _State:
 
 
 def _own_factors(robot: Robot) -> list[int]:
-    """The factors that are the arm's own parameters, base and tool left out."""
     named = [f.parameter or "" for f in robot.factors]
     return [i for i, name in enumerate(named) if name and not name.startswith(("base.", "tool."))]
 
@@ -220,7 +196,6 @@ def _arm_at(sample: Sample, x: Array) -> tuple[Array, Array, Array, Array]:
 
 
 def _closed_turns(sample: Sample, p: Array, R: Array, m: Array, M: Array | None) -> tuple[Array, Array, Array]:
-    """Rotations of base and tool, and the tool offset, that suit the nominal arm; none where the file states them."""
     eye, tool = np.eye(3), np.zeros(3)
     base_free, tool_free = sample.base_free and sample.position is not None, sample.tool_free
     if M is not None and base_free and tool_free:
