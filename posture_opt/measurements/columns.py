@@ -26,7 +26,6 @@ from posture_opt.texts import text_fault
 _MARKED_NUMBER = re.compile(r"[-+]?[\d.,]*[.,][\d.,]*(?:[eE][-+]?\d+)?")  # A number with points or commas in it
 # A number with blanks or apostrophes between groups of three digits
 _SPACED_NUMBER = re.compile(r"[-+]?\d{1,3}(?:['’ \u00a0\u202f]\d{3})+(?:[.,]\d*)?")
-_MAX_SAMPLE_CELLS = 2000  # Cells that decide on the marks; a file that changes its marks later has faults there
 
 
 def _grouped_digits(mark: str) -> re.Pattern[str]:
@@ -46,7 +45,7 @@ class NumberText:
             return cls(decimal, thousands or "")
         if thousands in (".", ","):
             return cls("," if thousands == "." else ".", thousands)
-        sample = islice(cells, _MAX_SAMPLE_CELLS)
+        sample = islice(cells, 2000)  # a file that changes its marks later has faults there
         marked = [text for cell in sample if _MARKED_NUMBER.fullmatch(text := cell.strip())]
         if not any("," in text for text in marked):
             return cls(".", thousands or "")
@@ -106,8 +105,7 @@ LEAST_INPUTS: dict[str, tuple[float, str, str]] = {
 }
 
 CellKind = Literal["number", "label", "side"]  # A number with a unit, a name, or a side of approach (−1, +1 or nothing)
-# Largest number of a cell, in its unit and in SI units; squares of larger ones leave the range of floats
-_MAX_MAGNITUDE = 1e15
+_MAX_MAGNITUDE = 1e15  # of a cell, in its unit and in SI units; squares of larger ones leave the range of floats
 
 
 @dataclass(frozen=True)
@@ -204,28 +202,22 @@ def columns_of_kinds(spec: DataSpec) -> set[str]:
 
 def check_inputs(cells: Cells, robot: Robot, faults: Faults) -> None:
     """A fault for each payload and temperature that nothing can have, by `LEAST_INPUTS` and the mass of the arm."""
-    payload = cells.number("payload")
-    payload = np.zeros(0) if payload is None else payload
+    inputs = {name: values for name in LEAST_INPUTS if (values := cells.number(name)) is not None}
+    payload = inputs.get("payload", np.zeros(0))
     for row in np.flatnonzero(payload > robot.most_payload):
         message, hint = f"no arm like this one carries {payload[row]:g} kg", "is the unit of the column right?"
         faults.add(message, "payload", payload[row], hint, int(cells.line[row]))
-    for name, (least, message, hint) in LEAST_INPUTS.items():
-        values = cells.number(name)
-        if values is not None:
-            for row in np.flatnonzero(values < least):
-                faults.add(message, name, values[row], hint, int(cells.line[row]))
+    for name, values in inputs.items():
+        least, message, hint = LEAST_INPUTS[name]
+        for row in np.flatnonzero(values < least):
+            faults.add(message, name, values[row], hint, int(cells.line[row]))
 
 
 def _number_marks(block: RowBlock, columns: Sequence[Column], faults: Faults, spec: DataSpec) -> NumberText:
-
-    def texts() -> Iterator[str]:
-        for column in columns:
-            cells = block.cells[column.index]
-            if column.kind != "label" and not isinstance(cells, np.ndarray):
-                yield from cells
-
+    numbers = (block.cells[column.index] for column in columns if column.kind != "label")
+    texts = (text for cells in numbers if not isinstance(cells, np.ndarray) for text in cells)
     try:
-        return NumberText.of(texts(), spec.decimal, spec.thousands)
+        return NumberText.of(texts, spec.decimal, spec.thousands)
     except BadValueError as error:
         faults.stop(error.message, error.hint)
 
@@ -260,11 +252,8 @@ def _column_numbers(
     optional = column.kind == "side"
     texts = given if marks.plain or isinstance(given, np.ndarray) else [marks.to_plain(text) for text in given]
     try:
-        if not isinstance(texts, np.ndarray) and "_" in "".join(texts):  # float() would take 1_0 for ten
-            raise ValueError
-        kind = texts.dtype.kind if isinstance(texts, np.ndarray) else "U"
-        if kind not in "fiuU":
-            raise ValueError
+        if texts.dtype.kind not in "fiuU" if isinstance(texts, np.ndarray) else "_" in "".join(texts):
+            raise ValueError  # float() would take 1_0 for ten
         values = np.fromiter(map(float, texts), dtype=float, count=len(texts))
     except (ValueError, TypeError):
         values = np.full(len(texts), math.nan)
@@ -296,19 +285,14 @@ def _cell_number(cell: Any, line: int, column: Column, optional: bool, marks: Nu
         message = f"{text[:40]} is {'larger than anything measured' if math.isfinite(value) else 'not a finite number'}"
     except ValueError:
         message = f"'{text[:40]}' is not a number"
-    hint = "leave out the row"
     if optional:  # a side
         faults.add(f"'{text[:40]}' is no side", column.name, cell, "write 1 or -1", line)
         return math.nan
-    if text[:1].isdigit() or text[:1] in "+-.":
-        hint = _mark_hint(text, marks)
+    hint = "leave out the row"
+    if (text[:1].isdigit() or text[:1] in "+-.") and "." in text and marks.decimal == ",":
+        hint = "write a decimal comma as in the other rows, or say data: {thousands: '.'} in the problem file"
+    elif text[:1].isdigit() or text[:1] in "+-.":
+        plain = "the unit is in the header, the cell is a plain number"
+        hint = "write a decimal point" if "," in text else plain
     faults.add(message, column.name, cell, hint, line)
     return 0.0
-
-
-def _mark_hint(text: str, marks: NumberText) -> str:
-    if "." in text and marks.decimal == ",":
-        return "write a decimal comma as in the other rows, or say data: {thousands: '.'} in the problem file"
-    if "," in text:
-        return "write a decimal point"
-    return "the unit is in the header, the cell is a plain number"

@@ -13,36 +13,30 @@ BLANKS = " "  # Separator of cells between which there are blanks, one or more
 _SEPARATORS = ("\t", ";", ",", BLANKS)  # Separators that are tried; where two fit alike, the one that comes first
 # What the cells of a line of units may hold
 _UNIT_WORDS = {
-    "m",
-    "mm",
-    "cm",
-    "um",
-    "µm",
-    "μm",
-    "in",
-    "deg",
-    "°",
-    "º",
-    "Grad",
-    "Grd",
-    "rad",
-    "mrad",
-    "s",
-    "ms",
-    "kg",
-    "degC",
-    "°C",
-    "K",
-    "px",
+    *("", "-", "m", "mm", "cm", "um", "µm", "μm", "in", "deg", "°", "º", "Grad", "Grd", "rad", "mrad"),
+    *("s", "ms", "kg", "degC", "°C", "K", "px"),
 }
 # A number with any marks, or NaN
 _NUMBER_PATTERN = re.compile(r"[-+]?[\d.,' ]*\d[\d.,' ]*(?:[eE][-+]?\d+)?|nan", re.IGNORECASE)
-# Rows of numbers behind each other that begin the table; a line of numbers within the header is none
-_MIN_NUMBER_ROWS = 3
 # ``name [unit]``, the unit optional
 BRACKETED_HEADER = re.compile(r"^\s*(?P<name>[^\[\]]*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*$")
 # ``name (unit)``, as some instruments write it
 ROUND_HEADER = re.compile(r"^\s*(?P<name>.*?)\s*\((?P<unit>[^()]*)\)\s*$")
+
+
+@dataclass(frozen=True)
+class TextLine:
+    """One line without its end, and its number in the file."""
+
+    number: int
+    text: str
+
+    @property
+    def comment(self) -> str | None:
+        """What a comment says behind its mark; ``None`` for other lines."""
+        text = self.text.lstrip()
+        mark = next((mark for mark in ("#", "%", "//") if text.startswith(mark)), None)
+        return None if mark is None else text[len(mark) :].strip()
 
 
 @dataclass(frozen=True)
@@ -59,10 +53,6 @@ class Layout:
     def of(cls, sample: Sequence[TextLine], known: Collection[str], numbered: bool) -> Layout:
         found = [_laid_out(sample, separator, known, numbered) for separator in _SEPARATORS]
         return max(found, key=lambda pair: pair[0])[1]
-
-    def cells(self, text: str) -> list[str]:
-        """The cells of a line."""
-        return split_cells(text, self.separator)
 
 
 def split_cells(text: str, separator: str) -> list[str]:
@@ -90,7 +80,8 @@ def _laid_out(
     scores = [sum(cell.strip() in known or name_of(cell) in known for cell in cells) for _, cells in rows]
     plain = [k for k, (line, _) in enumerate(rows) if line.comment is None]
     numeric = [_mostly_numbers(rows[k][1]) for k in plain]
-    first = next((k for i, k in enumerate(plain) if all(numeric[i : i + _MIN_NUMBER_ROWS])), len(rows))
+    # Three rows of numbers behind each other begin the table; a line of numbers within the header is none.
+    first = next((k for i, k in enumerate(plain) if all(numeric[i : i + 3])), len(rows))
     best = max(range(len(rows)), key=lambda k: (scores[k], -k), default=0)
     if not scores[best]:
         before = [k for k in plain if k < first]
@@ -117,28 +108,7 @@ def _with_units(rows: Sequence[tuple[TextLine, list[str]]], at: int) -> tuple[li
     if at + 1 >= len(rows):
         return titles, at
     cells = [cell.strip().strip("[]()") for cell in rows[at + 1][1]]
-    if len(cells) != len(titles) or not any(cells) or not {*cells} <= {*_UNIT_WORDS, "", "-"}:
+    if len(cells) != len(titles) or not any(cells) or not {*cells} <= _UNIT_WORDS:
         return titles, at
-    joined = [
-        f"{title.strip()} [{unit}]" if unit and "[" not in title else title
-        for title, unit in zip(titles, cells, strict=True)
-    ]
-    return joined, at + 1
-
-
-COMMENTS = ("#", "%", "//")  # What a comment begins with
-
-
-@dataclass(frozen=True)
-class TextLine:
-    """One line without its end, and its number in the file."""
-
-    number: int
-    text: str
-
-    @property
-    def comment(self) -> str | None:
-        """What a comment says behind its mark; ``None`` for other lines."""
-        text = self.text.lstrip()
-        mark = next((mark for mark in COMMENTS if text.startswith(mark)), None)
-        return None if mark is None else text[len(mark) :].strip()
+    both = zip(titles, cells, strict=True)
+    return [f"{title.strip()} [{unit}]" if unit and "[" not in title else title for title, unit in both], at + 1

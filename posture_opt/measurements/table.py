@@ -14,13 +14,15 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from posture_opt.errors import InputError, Issue, KeyPath
+from posture_opt.errors import InputError, Issue
 from posture_opt.files import naming, opened
 from posture_opt.measurements.data_section import DataSpec
 from posture_opt.measurements.layout import BLANKS, Layout, TextLine, is_number, split_cells
 
-_BLOCK_ROWS = 8192  # Rows held as texts at a time
-_SAMPLE_LINES = 200  # Lines among which the header is looked for
+LINE_INDEX = "line"  # Name of a DataFrame's index that holds the lines of a file
+WINDOWS_ENCODING = "cp1252"  # What a text that is not UTF-8 is read as: a superset of Latin-1's printable characters
+MAX_BYTES = 2_000_000_000  # Largest file: ten million rows of 200 characters
+MAX_LINE_CHARACTERS = 100_000  # 20 joints with 20 digits each have 1000
 # The path of a text file, a pandas DataFrame, or a mapping from column header to values
 TableLike = str | PathLike[str] | Mapping[str, Any] | Any
 
@@ -61,9 +63,6 @@ def open_table(source: TableLike, known: Collection[str] = (), spec: DataSpec | 
     raise InputError(Issue(f"measurements are a CSV file or a pandas DataFrame, not {kind}", hint="give the path"))
 
 
-LINE_INDEX = "line"  # Name of a DataFrame's index that holds the lines of a file
-
-
 def _memory_table(columns: Any, lines: Sequence[int] | None = None, file: str | None = None) -> RawTable:
     titles, cells = [], []
     for title, values in columns:
@@ -84,8 +83,8 @@ def _text_table(path: Path, known: Collection[str], spec: DataSpec) -> RawTable:
         encoding = encoding_of(path, faults)
     except InputError as error:
         raise naming(path, error) from None
-    lines = (line for line in _readable_lines(path, encoding, faults) if line.text.strip())
-    sample = list(islice(lines, _SAMPLE_LINES))
+    lines = (line for line in lines_of(path, encoding, faults) if line.text.strip())
+    sample = list(islice(lines, 200))  # the header is among them
     if not sample:
         faults.stop("the file is empty", "the first line names the columns, for example: joint1 [deg], x [mm], y [mm]")
     titles = {str(title) for title in spec.columns.values() if isinstance(title, str)}
@@ -93,26 +92,11 @@ def _text_table(path: Path, known: Collection[str], spec: DataSpec) -> RawTable:
     if not all(title.strip().isprintable() for title in layout.titles):
         faults.stop("the header is no plain text", "is it a CSV file, with its quotes closed?", layout.line)
     rest = (line for line in chain(sample, lines) if line.number > layout.last)
-    rows = _cell_rows(rest, layout, faults)
-    blocks = _row_blocks(rows, len(layout.titles), faults)
-    notes = _text_notes(encoding, layout)
-    return RawTable(layout.titles, layout.line, blocks, faults, notes, layout.separator)
-
-
-def _text_notes(encoding: str, layout: Layout) -> tuple[str, ...]:
-    notes = []
-    if encoding == WINDOWS_ENCODING:
-        notes.append("the file is not UTF-8 and was read as Windows-1252 (Latin-1)")
+    blocks = _row_blocks(_cell_rows(rest, layout, faults), len(layout.titles), faults)
+    notes = ["the file is not UTF-8 and was read as Windows-1252 (Latin-1)"] * (encoding == WINDOWS_ENCODING)
     if layout.skipped:
         notes.append(f"{layout.skipped} {'line' if layout.skipped == 1 else 'lines'} before the header were skipped")
-    return tuple(notes)
-
-
-def _readable_lines(path: Path, encoding: str, faults: Faults) -> Iterator[TextLine]:
-    try:
-        yield from lines_of(path, encoding, faults)
-    except UnicodeDecodeError as error:
-        faults.stop(f"not UTF-8 text (byte 0x{error.object[error.start]:02x})", "save the file as UTF-8")
+    return RawTable(layout.titles, layout.line, blocks, faults, tuple(notes), layout.separator)
 
 
 def _cell_rows(lines: Iterator[TextLine], layout: Layout, faults: Faults) -> Iterator[tuple[int, list[str]]]:
@@ -139,37 +123,28 @@ def _row_blocks(rows: Iterator[tuple[int, list[str]]], width: int, faults: Fault
     lines: list[int] = []
     kept: list[list[str]] = []
     for line, row in rows:
-        if len(row) != width and not _fits_width(row, width):
+        while len(row) > width and not row[-1].strip():  # some instruments end their rows with a separator
+            row.pop()
+        if len(row) != width:
             _ragged_fault(row, width, line, faults)
             continue
         lines.append(line)
         kept.append(row)
-        if len(kept) == _BLOCK_ROWS:
+        if len(kept) == 8192:  # rows held as texts at a time
             yield RowBlock(lines, list(zip(*kept, strict=True)))
             lines, kept = [], []
     if kept:
         yield RowBlock(lines, list(zip(*kept, strict=True)))
 
 
-def _fits_width(row: list[str], width: int) -> bool:
-    while len(row) > width and not row[-1].strip():
-        row.pop()
-    return len(row) == width
-
-
 def _ragged_fault(row: list[str], width: int, line: int, faults: Faults) -> None:
+    hint = "put a cell with a comma in quotes"
+    if len(row) < width:
+        hint = "a row that broke off? fill in what is missing, or leave it out"
+    elif len(row) <= 2 * width and all(map(is_number, row)):
+        hint = "decimal commas? then separate the columns by semicolons"
     cells = "1 cell" if len(row) == 1 else f"{len(row)} cells"
-    halves = width < len(row) <= 2 * width and all(map(is_number, row))
-    few = "a row that broke off? fill in what is missing, or leave it out"
-    many = "decimal commas? then separate the columns by semicolons" if halves else "put a cell with a comma in quotes"
-    hint = few if len(row) < width else many
     faults.add(f"{cells} in the row, {width} columns in the header", hint=hint, line=line)
-
-
-_MAX_LISTED_FAULTS = 20  # A file of another kind has a fault in every cell; what is wrong is seen from the first ones
-
-
-_MAX_ALIKE_FAULTS = 3  # Faults of one column with one hint that are listed in full
 
 
 class Faults:
@@ -187,9 +162,8 @@ class Faults:
         self.count += 1
         alike = (column, hint or message)
         kept = self._kept.setdefault(alike, [])
-        if len(kept) < _MAX_ALIKE_FAULTS or not line:
-            key: KeyPath = (column,) if column else ()
-            kept.append(Issue(message, key, value, hint, self.file, line, id))
+        if len(kept) < 3 or not line:
+            kept.append(Issue(message, (column,) if column else (), value, hint, self.file, line, id))
         else:
             self._more.setdefault(alike, []).append(line)
 
@@ -198,16 +172,15 @@ class Faults:
         if not self.count:
             return
         issues = sorted((issue for kept in self._kept.values() for issue in kept), key=lambda issue: issue.line)
-        rest = [self._rest_issue(alike, lines) for alike, lines in self._more.items()]
-        listed, left = issues[:_MAX_LISTED_FAULTS], len(issues) - _MAX_LISTED_FAULTS
+        rest = []
+        for (column, _), lines in self._more.items():
+            rows = "1 more row like these (line" if len(lines) == 1 else f"{len(lines)} more rows like these (lines"
+            where = f"{lines[0]}" if len(lines) == 1 else f"{min(lines)} to {max(lines)}"
+            rest.append(Issue(f"{rows} {where})", (column,) if column else (), file=self.file))
+        left = len(issues) - 20  # a file of another kind has a fault in every cell: the first ones show what is wrong
         if left > 0:
             rest.append(Issue(f"{left} more {'fault' if left == 1 else 'faults'}", file=self.file))
-        raise InputError([*listed, *rest])
-
-    def _rest_issue(self, alike: tuple[str, str], lines: list[int]) -> Issue:
-        many = f"{len(lines)} more {'row' if len(lines) == 1 else 'rows'} like these"
-        where = f"line {lines[0]}" if len(lines) == 1 else f"lines {min(lines)} to {max(lines)}"
-        return Issue(f"{many} ({where})", (alike[0],) if alike[0] else (), file=self.file)
+        raise InputError([*issues[:20], *rest])
 
     def stop(self, message: str, hint: str = "", line: int = 0) -> NoReturn:
         """Add a fault behind which nothing more can be read."""
@@ -216,59 +189,45 @@ class Faults:
         raise AssertionError("a fault was added")
 
 
-MAX_BYTES = 2_000_000_000  # Largest file: ten million rows of 200 characters
-
-
-MAX_LINE_CHARACTERS = 100_000  # Characters of a line; 20 joints with 20 digits each have 1000
-
-
-_CHUNK_BYTES = 1 << 20  # Bytes that are read at a time while the encoding is found
-
-
-_BYTE_ORDER_MARKS = (  # the longer ones first
-    (codecs.BOM_UTF8, "utf-8-sig"),
-    (codecs.BOM_UTF16_LE, "utf-16"),
-    (codecs.BOM_UTF16_BE, "utf-16"),
-)
-
-
-WINDOWS_ENCODING = "cp1252"  # What a text that is not UTF-8 is read as: a superset of Latin-1's printable characters
+# The longer ones first
+_BYTE_ORDER_MARKS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
 
 
 def encoding_of(path: Path, faults: Faults) -> str:
     """How the text of a file is encoded: by its byte order mark, else UTF-8 where it is that, else Windows-1252."""
     decoder = codecs.getincrementaldecoder("utf-8")()
     with opened(path, MAX_BYTES) as stream:
-        start = stream.read(_CHUNK_BYTES)
-        found = next((name for mark, name in _BYTE_ORDER_MARKS if start.startswith(mark)), "")
-        if found:
+        start = chunk = stream.read(1 << 20)
+        if found := next((name for mark, name in _BYTE_ORDER_MARKS.items() if start.startswith(mark)), ""):
             return found
-        if b"\0" in start:
-            return _with_zeros(start, faults)
+        if b"\0" in start:  # UTF-16 without its mark has a zero byte in nearly every other place
+            even, odd = start[0::2].count(0), start[1::2].count(0)
+            if max(even, odd) < len(start) / 4 or min(even, odd) > len(start) / 40:
+                faults.stop("the header is no plain text", "is it a CSV file?", 1)
+            return "utf-16-le" if odd > even else "utf-16-be"
         try:
-            chunk = start
             while chunk:
                 decoder.decode(chunk)
-                chunk = stream.read(_CHUNK_BYTES)
+                chunk = stream.read(1 << 20)
             decoder.decode(b"", final=True)
         except UnicodeDecodeError:
             return WINDOWS_ENCODING
     return "utf-8-sig"
 
 
-def _with_zeros(start: bytes, faults: Faults) -> str:
-    even, odd = start[0::2].count(0), start[1::2].count(0)
-    if max(even, odd) < len(start) / 4 or min(even, odd) > len(start) / 40:
-        faults.stop("the header is no plain text", "is it a CSV file?", 1)
-    return "utf-16-le" if odd > even else "utf-16-be"
-
-
 def lines_of(path: Path, encoding: str, faults: Faults) -> Iterator[TextLine]:
     """The lines of a file, counted from 1, none so long that it fills the memory."""
     with opened(path, MAX_BYTES) as stream, TextIOWrapper(stream, encoding) as lines:
         number = 0
-        while text := lines.readline(MAX_LINE_CHARACTERS):
+        while text := _next_line(lines, faults):
             number += 1
             if len(text) == MAX_LINE_CHARACTERS:
                 faults.stop(f"the line has more than {MAX_LINE_CHARACTERS} characters", "is it a CSV file?", number)
             yield TextLine(number, text.rstrip("\n"))
+
+
+def _next_line(lines: TextIOWrapper, faults: Faults) -> str:
+    try:
+        return lines.readline(MAX_LINE_CHARACTERS)
+    except UnicodeDecodeError as error:
+        faults.stop(f"not UTF-8 text (byte 0x{error.object[error.start]:02x})", "save the file as UTF-8")
