@@ -142,9 +142,15 @@ class Cells:
         """(N,) the values of a column in SI units; ``None`` where there is none."""
         return np.concatenate(self.numbers[name]) if name in self.numbers else None
 
-    def code(self, name: str) -> tuple[Codes, tuple[str, ...]] | None:
-        """(N,) codes in the order of first appearance, and their texts; ``None`` where there is no such column."""
-        return (np.concatenate(self.codes[name]), tuple(self.texts[name])) if name in self.codes else None
+    def present(self, name: str) -> Array:
+        """(N,) the values of a column that the header was checked for, in SI units; NaN where a cell is empty."""
+        return np.concatenate(self.numbers[name])
+
+    def code(self, name: str) -> tuple[Codes, tuple[str, ...]]:
+        """(N,) codes in the order of first appearance, and their texts; zeros and none where no such column is."""
+        if name not in self.codes:
+            return np.zeros(len(self.line), dtype=np.intp), ()
+        return np.concatenate(self.codes[name]), tuple(self.texts[name])
 
 
 def read_cells(

@@ -48,8 +48,8 @@ class BetterReading:
         given, found = (f"{value * 1e3:.3g} mm" for value in self.left)
         said = f"the data fit the arm to {found}"
         if self.turned is not None:
-            turns = [f"{math.degrees(value):.2g} deg" for value in self.turned]
-            said, given = f"{said} and {turns[1]}", f"{given} and {turns[0]}"
+            as_given, so_read = (f"{math.degrees(value):.2g} deg" for value in self.turned)
+            said, given = f"{said} and {so_read}", f"{given} and {as_given}"
         return f"{said} if {self.reading.message}, as given only to {given}"
 
     @property
@@ -61,11 +61,9 @@ class BetterReading:
 
 
 _POSITION, _POSE, _POINT = Position(), Pose(), PointContact()
-# Rows of a session with a clock of its own; fewer that are out of place for each time that a clock goes back were
-# sorted, or measured again
-_MIN_SESSION_ROWS = 20
-# Motion below which a tool point is at rest; rounding of half turns at a reach of metres is 1e-15
-_REST_TOLERANCE_M = 1e-9
+SAME_POSTURE_RAD = 1e-3  # Commands that differ by less [rad] lead to one posture
+# An arm does not stop, settle and get measured within a second: faster rows of other postures are of a moving arm
+STOP_S = 1.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -207,10 +205,12 @@ class Measurements(Summarised):
     @property
     def reading_statements(self) -> tuple[Statement, ...]:
         """How the columns were read, and how they might be."""
-        better = () if self.better_reading is None else (self.better_reading.statement,)
-        turned = [state("reading.modulo", joints=self.turned_joints)] if self.turned_joints else []
-        rows = len(self.unmeasured)
-        return (*better, *turned, *([state("reading.unmeasured", str(self.unmeasured[0]), rows=rows)] if rows else []))
+        found = [] if self.better_reading is None else [self.better_reading.statement]
+        if self.turned_joints:
+            found.append(state("reading.modulo", joints=self.turned_joints))
+        if self.unmeasured:
+            found.append(state("reading.unmeasured", str(self.unmeasured[0]), rows=len(self.unmeasured)))
+        return tuple(found)
 
     def without_orientation(self) -> Measurements:
         """The same rows as positions; they themselves where no orientation was measured."""
@@ -286,7 +286,8 @@ def measuring_order(time: Array | None, robots: Codes) -> Codes:
     if time is None or not len(back := rows_back_in_time(time, robots)):
         return rows
     misplaced = sum(_misplaced(time[robots == robot]) for robot in np.unique(robots))
-    return rows if misplaced > _MIN_SESSION_ROWS * len(back) else np.lexsort((rows, time, robots))
+    # Sessions with a clock of their own have more than 20 rows: fewer out of place were sorted, or measured again.
+    return rows if misplaced > 20 * len(back) else np.lexsort((rows, time, robots))
 
 
 def _misplaced(time: Array) -> int:
@@ -298,6 +299,11 @@ def _misplaced(time: Array) -> int:
     return len(time) - len(ends)
 
 
+def joint_codes(*labels: Array | Codes) -> Codes:
+    """(N,) codes of rows that agree in all labels, each (N,) or (N, k)."""
+    return np.asarray(np.unique(np.column_stack(labels), axis=0, return_inverse=True)[1].ravel(), dtype=np.intp)
+
+
 def group_means(values: Array, groups: Codes) -> Array:
     """(G, …) means of rows ``values`` (N, …) over each group, in the order of their codes."""
     # values: (N, …); groups: (N,) codes, not necessarily without gaps
@@ -307,26 +313,8 @@ def group_means(values: Array, groups: Codes) -> Array:
     return np.asarray(sums / count.reshape(-1, *[1] * (values.ndim - 1)))
 
 
-_FIELDS_OF_FILE = {
-    "joint_names",
-    "measured_axes",
-    "target_names",
-    "robot_names",
-    "point_names",
-    "second_names",
-    "inverted",
-    "better_reading",
-    "turned_joints",
-    "unmeasured",
-    "file",
-    "warnings",
-    "joint_units",
-    "notes",
-    "instrument",
-}
-_FIELDS_BY_ROW = tuple(
-    f.name for f in fields(Measurements) if f.name not in _FIELDS_OF_FILE and not f.name.endswith("_given")
-)
+# Arrays of integer codes or numbers have a value a row; `measured_axes` is a mask
+_FIELDS_BY_ROW = tuple(f.name for f in fields(Measurements) if str(f.type).split(" ")[0] in ("Array", "Codes"))
 
 
 def nominal_poses(robot: Robot, q: Array) -> tuple[Array, Array]:
@@ -348,7 +336,7 @@ def still_axes(robot: Robot) -> Mask:
     points = reach_of(robot)
     # A planar arm that was found to be slightly skew leaves its plane by its flaws only.
     extent = np.ptp(points, axis=0)
-    return np.asarray(extent < _REST_TOLERANCE_M + 2 * robot.skew * extent.max())
+    return np.asarray(extent < 1e-9 + 2 * robot.skew * extent.max())
 
 
 def carried_joint_values(arm: Arm, q: Array) -> Array:
@@ -391,18 +379,8 @@ def sample_rows(data: Measurements) -> Codes:
     if not data.touches:
         _, first = np.unique(data.pose[chosen], return_index=True)
         chosen = chosen[np.sort(first)]
-    step = np.unique(np.linspace(0, len(chosen) - 1, min(len(chosen), _MAX_SAMPLE_ROWS)).round().astype(np.intp))
+    step = np.unique(np.linspace(0, len(chosen) - 1, min(len(chosen), 400)).round().astype(np.intp))
     return np.asarray(chosen[step])
-
-
-_MAX_SAMPLE_ROWS = 400  # Postures suffice for a question about whole columns
-
-
-# An arm does not stop, settle and get measured within a second: faster rows of other postures are of a moving arm
-STOP_S = 1.0
-
-
-_GAP = 5.0  # Of the usual time from row to row, from which on another path begins
 
 
 def moves(data: Measurements) -> bool:
@@ -418,15 +396,12 @@ def joint_speeds(data: Measurements) -> Array:
     """(N, n) speed of the joints [rad/s or m/s] by central differences along each path."""
     assert data.time is not None, "the time of the rows is known"
     order, speeds = data.order, np.zeros(data.q.shape)
-    for rows in _paths(data.time[order], order):
+    steps = np.diff(data.time[order])
+    # After five times the usual time from row to row, another path begins.
+    for rows in np.split(order, np.flatnonzero(steps > 5 * max(float(np.mean(steps)), 1e-12)) + 1):
         if len(rows) > 2:
             speeds[rows] = np.gradient(data.q[rows], _even_times(data.time[rows]), axis=0)
     return speeds
-
-
-def _paths(time: Array, order: Codes) -> list[Codes]:
-    steps = np.diff(time)
-    return list(np.split(order, np.flatnonzero(steps > _GAP * max(float(np.mean(steps)), 1e-12)) + 1))
 
 
 def _even_times(time: Array) -> Array:
@@ -456,6 +431,3 @@ def inputs_of(data: Measurements, robot: Robot) -> Inputs:
 def arm_for(arm: Arm, data: Measurements) -> Arm:
     """The arm under the inputs of every row; all sides of approach count as stated."""
     return arm.under(replace(inputs_of(data, arm.robot), stated=data.joint_names))
-
-
-SAME_POSTURE_RAD = 1e-3  # Commands that differ by less [rad] lead to one posture

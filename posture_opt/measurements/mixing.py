@@ -51,11 +51,8 @@ def mixed_rows(data: Measurements, cells: Cells, known: DataSpec, base_free: boo
     """The rows of a file with the column ``instrument``, one for each number of a reading; faults join ``faults``."""
     # An instrument is of the kind whose columns its rows fill. Where the base is free, the frame of a tracker is
     # unknown beside the places of the others, which are in the frame of the base.
-    named = cells.code("instrument")
-    assert named is not None, "a file without the column is not mixed"
-    found = [
-        _rows_of(name, np.flatnonzero(named[0] == k), data, cells, known, faults) for k, name in enumerate(named[1])
-    ]
+    code, names = cells.code("instrument")
+    found = [_rows_of(name, np.flatnonzero(code == k), data, cells, known, faults) for k, name in enumerate(names)]
     parts = [one for one in found if one is not None]
     if len(parts) < len(found):
         return data
@@ -103,7 +100,7 @@ def _rows_of(name: str, rows: Codes, data: Measurements, cells: Cells, known: Da
     reading = np.zeros((len(rows), len(numbers)))
     for k, column in enumerate(numbers):
         if column in filled:
-            reading[:, k] = np.nan_to_num(_number(cells, column)[rows])
+            reading[:, k] = np.nan_to_num(cells.present(column)[rows])
     if kind.further and data.rotation is not None:
         reading = np.concatenate([reading, np.nan_to_num(data.rotation[rows])], axis=1)
     places, place = _names(cells, kind.label, rows) if kind.label else (("",), np.zeros(len(rows), dtype=np.intp))
@@ -130,28 +127,19 @@ def _kind_of(name: str, filled: set[str], known: DataSpec, line: int, faults: Fa
     return None
 
 
-def _number(cells: Cells, column: str) -> Array:
-    """(N,) a column of numbers, NaN where a cell is empty."""
-    values = cells.number(column)
-    assert values is not None, "the column was read"
-    return values
-
-
 def _filled(cells: Cells, column: str, rows: Codes) -> Mask:
     """(n,) whether the cells of a column of some kind are not empty."""
     if column in cells.numbers:
-        return np.isfinite(_number(cells, column)[rows])
-    code = cells.code(column)
-    assert code is not None, "the column was read"
-    return np.asarray([code[1][k] != "" for k in code[0][rows]], dtype=bool)
+        return np.isfinite(cells.present(column)[rows])
+    code, texts = cells.code(column)
+    return np.asarray([texts[k] != "" for k in code[rows]], dtype=bool)
 
 
 def _names(cells: Cells, column: str, rows: Codes) -> tuple[tuple[str, ...], Codes]:
     """The names in some rows of a column, in the order of their appearance, and their codes (n,)."""
-    code = cells.code(column)
-    assert code is not None, "the column was read"
-    own = list(dict.fromkeys(code[0][rows].tolist()))
-    return tuple(code[1][k] for k in own), np.array([own.index(k) for k in code[0][rows]], dtype=np.intp)
+    code, texts = cells.code(column)
+    own = list(dict.fromkeys(code[rows].tolist()))
+    return tuple(texts[k] for k in own), np.array([own.index(k) for k in code[rows]], dtype=np.intp)
 
 
 def unmixed(data: Measurements) -> tuple[Measurements, dict[str, list[object]]]:
@@ -186,12 +174,6 @@ def unmixed(data: Measurements) -> tuple[Measurements, dict[str, list[object]]]:
     return whole, columns
 
 
-_ERROR = 1e-3  # rad or m, one standard deviation of every parameter of an arm: what its errors are reckoned with
-
-
-_NOISE = 1e-5  # rad or m, of a reading: small beside what errors of the arm do to it
-
-
 def likeliest(kind: Kind, robot: Robot, reached: Walk, seen: Seen) -> Kind:
     """The kind, with those of its `Kind.alternatives` by which its rows are likelier."""
     # To first order the readings are off those of the nominal arm by ``r = J p + n``, p small errors of the arm and
@@ -211,7 +193,7 @@ def _misfit(kind: Kind, robot: Robot, reached: Walk, seen: Seen, rows: Codes) ->
     axes = sorted({axis for place in kind.places(kind.names) for axis in kind.slots(place)})
     columns += [kind.unknown_slope(seen, axis) for axis in axes]
     r, *J = (stacked_rows(slots, n)[rows].ravel() for slots in (kind.error(seen), *columns))
-    A: Array = np.stack(J, axis=1) * (_ERROR / _NOISE)
+    A: Array = np.stack(J, axis=1) * (1e-3 / 1e-5)  # errors of 1 mm or mrad of every parameter, noise small beside them
     left = A.T @ r
     return float(r @ r - left @ np.linalg.solve(np.eye(A.shape[1]) + A.T @ A, left))
 
@@ -220,11 +202,11 @@ def with_instrument(data: Measurements, cells: Cells, problem: HasData, faults: 
     """The rows with what they show of the pose, where that is neither a position nor a touched point."""
     if "instrument" in cells.codes:
         return _mixed(data, cells, problem, faults)
-    required = {k: k.required(problem.data, ()) for k in KINDS}
-    kind = next((k for k, own in required.items() if own and all(_is_read(name, cells) for name in own)), None)
+    required, read = {k: k.required(problem.data, ()) for k in KINDS}, {*cells.numbers, *cells.codes}
+    kind = next((k for k, own in required.items() if own and own <= read), None)
     if kind is None or data.position is not None or kind.kind == data.kind.kind:
         return data
-    numbers = [present_column(cells.number(column)) for column in kind.columns_in(problem.data)]
+    numbers = [cells.present(column) for column in kind.columns_in(problem.data)]
     reading = np.column_stack([np.zeros((len(data), 0)), *numbers])
     try:
         instrument = kind.of(problem.data, data.point_names, data.second_names)
@@ -263,18 +245,7 @@ def _prepared(data: Measurements, problem: HasData) -> Measurements:
     return replace(data, instrument=prepared, lever=prepared.levers(seen))
 
 
-def _is_read(name: str, cells: Cells) -> bool:
-    return name in cells.numbers or name in cells.codes
-
-
 def no_board_poses(data: Measurements) -> InputError:
     """The file says that a camera reports poses of a board, and its rows hold none."""
-    hint = "add qw, qx, qy, qz, or a rotation vector (rx, ry, rz)"
-    message = "poses of a board have x, y, z and an orientation"
+    hint, message = "add qw, qx, qy, qz, or a rotation vector", "poses of a board have x, y, z and an orientation"
     return InputError(Issue(message, ("data", "frame"), "camera", hint, data.file))
-
-
-def present_column(values: Array | None) -> Array:
-    """The column, which the header was checked for."""
-    assert values is not None, "a missing joint was refused with the header"
-    return values

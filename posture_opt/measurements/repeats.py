@@ -6,29 +6,29 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from posture_opt.measurements.measurements import SAME_POSTURE_RAD, Measurements, group_means, outlying_groups, rows_of
+from posture_opt.measurements.measurements import (
+    SAME_POSTURE_RAD,
+    Measurements,
+    group_means,
+    joint_codes,
+    outlying_groups,
+    rows_of,
+)
 from posture_opt.numerics import Array, Codes, Json, Mask, linked
 from posture_opt.robot.robot import Robot
 
-_SAME_POSTURE_M = 1e-4  # The same of a slide [m]
-_MAX_PAIRED_ROWS = 20_000  # Rows up to which all pairs are compared
 MIN_FREEDOM = 12  # Degrees of freedom from which a standard deviation is used: it is then known to a fifth
-_COPY_TOLERANCE_M = 1e-9  # Readings that agree to less are one reading written twice
-_CODE_SEPARATION = 1e6  # Distance of rows whose codes differ, in units of `SAME_POSTURE_RAD`
 
 
 def repeat_groups(data: Measurements, slides: Mask) -> Codes:
     """(N,) a code for each row: rows of one code repeat one posture with one target."""
     # slides: (n,) which joints are prismatic
-    posture = np.column_stack(
-        [
-            data.q / np.where(slides, _SAME_POSTURE_M, SAME_POSTURE_RAD),
-            data.target * _CODE_SEPARATION,
-            data.robot * _CODE_SEPARATION,
-        ]
-    )
-    n, code = len(data), linked(posture, 1.0) if len(data) <= _MAX_PAIRED_ROWS else _linked_cells(posture)
-    own = np.unique(np.column_stack([data.pose, data.target, data.robot]), axis=0, return_inverse=True)[1].ravel()
+    scaled = data.q / np.where(slides, 1e-4, SAME_POSTURE_RAD)  # of a slide 0.1 mm
+    posture = np.column_stack([scaled, data.target * 1e6, data.robot * 1e6])  # other codes are far apart
+    # n readings of one posture have n² / 2 pairs, which would fill the memory: of many, cells of side 1 are linked.
+    cell = np.arange(len(data)) if len(data) <= 20_000 else joint_codes(np.floor(posture))
+    n, code = len(data), linked(posture if len(data) <= 20_000 else group_means(posture, cell), 1.0)[cell]
+    own = joint_codes(data.pose, data.target, data.robot)
     strung = np.array([np.ptp(posture[rows], axis=0).max() > 1.0 for rows in rows_of(code)])
     merged = np.where(strung[code], own + n, code)
     # A pose keeps together whatever its joint values were.
@@ -41,8 +41,8 @@ def repeats_of_one_kind(data: Measurements, slides: Mask, sided: Codes | None = 
     """(N,) the same as `repeat_groups`, of rows that carry the same payload and arrive from the same sides."""
     alike: list[Array | Codes] = [repeat_groups(data, slides)]
     alike += [] if data.payload is None else [data.payload]
-    alike += [data.approach[:, joint] for joint in (() if sided is None or not data.approach_given else sided)]
-    return np.asarray(np.unique(np.column_stack(alike), axis=0, return_inverse=True)[1].ravel(), dtype=np.intp)
+    alike += [] if sided is None or not data.approach_given else [data.approach[:, sided]]
+    return joint_codes(*alike)
 
 
 def repeated_readings(data: Measurements, robot: Robot) -> tuple[float, int]:
@@ -57,18 +57,11 @@ def repeated_readings(data: Measurements, robot: Robot) -> tuple[float, int]:
     groups = [points[rows] for rows in rows_of(repeats_of_one_kind(data, slides)) if len(rows) > 1]
     size = np.array([np.sum((p - p.mean(axis=0)) ** 2) for p in groups])
     freedom = np.array([points.shape[1] * (len(p) - 1) for p in groups], dtype=float)
-    used = size > freedom * _COPY_TOLERANCE_M**2
+    used = size > freedom * 1e-9**2  # readings that agree to a nanometre are one reading written twice
     size, freedom = size[used], freedom[used]
     kept = ~outlying_groups(size, freedom)
     total = int(freedom[kept].sum())
     return (float(np.sqrt(size[kept].sum() / total)), total) if total else (0.0, 0)
-
-
-def _linked_cells(posture: Array) -> Codes:
-    """(N,) the same of many rows (N, d), with rows of one cell of side 1 by their mean."""
-    _, cell = np.unique(np.floor(posture), axis=0, return_inverse=True)
-    cell = cell.ravel()
-    return np.asarray(linked(group_means(posture, cell), 1.0)[cell], dtype=np.intp)
 
 
 def apart(data: Measurements) -> Measurements:
@@ -78,16 +71,10 @@ def apart(data: Measurements) -> Measurements:
 
 def _stay_of_row(data: Measurements) -> Codes:
     """(N,) the stay of each row, were the arm to leave its posture before each further row of a target."""
-    repeat = repeat_of_row(data)
-    return np.unique(np.column_stack([repeat, _reading_of_row(data, repeat)]), axis=0, return_inverse=True)[1].ravel()
-
-
-def _reading_of_row(data: Measurements, repeat: Codes) -> Codes:
-    """(N,) how many rows of the same target and repeat (N,) come before each."""
-    found = np.zeros(len(data), dtype=np.intp)
-    for rows in rows_of(np.unique(np.column_stack([repeat, data.target]), axis=0, return_inverse=True)[1].ravel()):
-        found[rows] = np.arange(len(rows))
-    return found
+    repeat, before = repeat_of_row(data), np.zeros(len(data), dtype=np.intp)
+    for rows in rows_of(joint_codes(repeat, data.target)):
+        before[rows] = np.arange(len(rows))  # how many rows of this target and repeat come before
+    return joint_codes(repeat, before)
 
 
 def repeat_of_row(data: Measurements) -> Codes:
@@ -128,7 +115,7 @@ class Contrasts:
         """The contrasts of rows of one posture and target that follow each other; none of touched points."""
         repeat = np.arange(len(data)) if data.position is None else repeat_of_row(data)
         stay = repeat if data.position is None else _stay_of_row(data)
-        place = np.unique(np.column_stack([repeat, data.target, data.robot]), axis=0, return_inverse=True)[1].ravel()
+        place = joint_codes(repeat, data.target, data.robot)
         rows = np.argsort(place, kind="stable")
         group, cell = place[rows], np.empty(len(rows), dtype=np.intp)
         cell[rows] = np.arange(len(rows))
@@ -141,34 +128,26 @@ class Contrasts:
 
     def differences(self, values: Array) -> Array:
         """(C, …) contrasts of the rows' values (N, …)."""
-        own, before, k = self._cell_parts(values)
+        own, before, k = self._parts(group_means(values, self.cell))
         return np.asarray(np.sqrt(k / (k + 1)) * (before / k - own))
 
     def means(self, values: Array) -> Array:
         """(C, …) means of the rows' values (N, …) over the repeats that a contrast is of."""
-        own, before, k = self._cell_parts(values)
+        own, before, k = self._parts(group_means(values, self.cell))
         return np.asarray((before + own) / (k + 1))
 
     @property
     def reading(self) -> Array:
         """(C,) variance of a contrast of rows of independent variance 1."""
-        one = 1.0 / np.bincount(self.cell)
-        own, before, k = self._contrast_parts(one)
+        own, before, k = self._parts(1.0 / np.bincount(self.cell))
         return np.asarray((before / k**2 + own) * k / (k + 1))
 
-    def _cell_parts(self, values: Array) -> tuple[Array, Array, Array]:
-        # Mean of its rows (N, …), sum of the means before, and how many these are
-        return self._contrast_parts(group_means(values, self.cell))
-
-    def _contrast_parts(self, cells: Array) -> tuple[Array, Array, Array]:
+    def _parts(self, cells: Array) -> tuple[Array, Array, Array]:
+        """Of every cell but the first of its group: its value (…), the sum of those before, and how many these are."""
         total = np.concatenate([np.zeros((1, *cells.shape[1:])), np.cumsum(cells, axis=0)])
         at = np.flatnonzero(self.order > 0)
         k = self.order[at].astype(float).reshape(-1, *[1] * (cells.ndim - 1))
         return cells[at], total[at] - total[at - self.order[at]], k
-
-
-# Rows of one posture: fewer say nothing of scatter, more say little else
-_MIN_ROWS_OF_POSTURE, _MAX_ROWS_OF_POSTURE = 3, 30
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,7 +180,8 @@ class Thinning:
         """All rows, with the clock of those that are used: where no time is given, these are counted."""
         if self.data.time is not None:
             return self.data
-        return replace(self.data, time=_row_clock(len(self.data), self.rows))
+        clock = np.interp(np.arange(len(self.data)), self.rows, np.arange(len(self.rows)))  # proportional in between
+        return replace(self.data, time=np.asarray(clock))
 
     def to_json(self) -> dict[str, Json]:
         return {
@@ -223,10 +203,8 @@ def thin(data: Measurements, most: int, seed: int = 0) -> Thinning | None:
     unit = _thinning_units(data)
     first = np.unique(unit, return_index=True)[1]
     count = len(first)
-    each = min(max(most // count, _MIN_ROWS_OF_POSTURE), _MAX_ROWS_OF_POSTURE)
-    visit = _evenly_spread(
-        np.unique(np.column_stack([unit, data.target]), axis=0, return_inverse=True)[1].ravel(), each
-    )
+    each = min(max(most // count, 3), 30)  # fewer rows of a posture say nothing of scatter, more say little else
+    visit = _evenly_spread(joint_codes(unit, data.target), each)
     share = min(most / int(visit.sum()), 1.0)
     drawn, block_of_unit = _drawn_units(data.point[first], max(int(count * share), 1), seed)
     # The clock begins with the earliest row, so that its posture is among them.
@@ -284,8 +262,3 @@ def _drawn_units(points: Codes, count: int, seed: int) -> tuple[Mask, Codes]:
     blocks = np.empty(len(points), dtype=np.intp)
     blocks[order] = np.repeat(np.arange(count), np.diff(edges))
     return drawn, blocks
-
-
-def _row_clock(count: int, rows: Codes) -> Array:
-    """(N,) the number of the last used row at each row, between them in proportion."""
-    return np.asarray(np.interp(np.arange(count), rows, np.arange(len(rows))))
