@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -15,6 +14,7 @@ from posture_opt.measurements.measurements import (
     BetterReading,
     Measurements,
     carried_joint_values,
+    group_means,
     nominal_poses,
     reach,
     sample_rows,
@@ -38,13 +38,8 @@ from posture_opt.numerics import Array, Codes
 from posture_opt.robot.robot import Robot
 
 _RANK_TOLERANCE = 1e-8  # Share of the largest singular value below which a direction is rounding
-_MIN_POSTURES = 6  # Postures for the scaled rotation: 18 coordinates for its 10 unknowns
-_ALTERNATIONS = 20  # Turns of rotation and tool; five suffice for measured arms
-# Share of the tool's motion that must be free of the wrist's, so that B can be separated from the tool
-_MIN_FREE_MOTION = 0.02
-
-# Joint values (m, n) of the sample -> what the nominal arm leaves unexplained, as a share; NaN where too few
-Misfit = Callable[[Array], float]
+# Units of length -> [m], in which coordinates may have been written
+_LENGTH_UNITS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "cm": 1e-2, "in": 0.0254}
 
 
 @dataclass(frozen=True)
@@ -55,7 +50,7 @@ class AffineFit:
     # too few
     misfit: float
     # (k, d) from the d world axes along which the nominal tool moves to the k measured axes; ``None`` where the
-    # postures do not determine it
+    # postures do not determine it, or more than a fifth is left: its scale and sign mean nothing then
     map: Array | None
     axes: Codes  # (d,) indices of those world axes
 
@@ -63,40 +58,36 @@ class AffineFit:
 def affine_fit(robot: Robot, q: Array, measured: Array) -> AffineFit:
     """The agreement of postures with measured coordinates."""
     # q: (m, n) joint values [rad or m]; measured: (m, k) coordinates of the measured axes [m]
-    points, rotations = nominal_poses(robot, q)
-    turned = _centred_columns(rotations.reshape(len(q), 9))
-    moved, target = _centred_columns(points), _centred_columns(measured)
-    axes = np.flatnonzero(np.sqrt(np.mean(moved**2, axis=0)) > 1e-9)
-    basis = _column_basis(turned)
-    moved = _projected_off(moved[:, axes], basis)
+    points, rotations = (values - values.mean(axis=0) for values in nominal_poses(robot, q))
+    target, turned = measured - measured.mean(axis=0), rotations.reshape(len(q), 9)
+    axes = np.flatnonzero(np.sqrt(np.mean(points**2, axis=0)) > 1e-9)
+    left, singular, _ = np.linalg.svd(turned, full_matrices=False)
+    basis = left[:, singular > _RANK_TOLERANCE * max(singular[0], np.sqrt(len(q)))]
     free = len(q) - 1 - basis.shape[1] - len(axes)
     spread = np.sqrt(np.sum(target**2) / len(q))
     if not len(axes) or spread == 0:
         return AffineFit(np.nan, None, axes)
-    if free < (len(q) - 1) / 2:
-        return _similarity_fit(_centred_columns(points), _centred_columns(rotations), target, axes)
-    rest = _projected_off(target, basis)
-    singular = np.linalg.svd(moved, compute_uv=False) / np.sqrt(len(q))
-    known = singular[-1] > _MIN_FREE_MOTION * np.sqrt(np.mean(np.sum(_centred_columns(points) ** 2, axis=1)))
-    fitted, *_ = np.linalg.lstsq(moved, rest, rcond=_RANK_TOLERANCE)
-    misfit = np.sqrt(np.sum((rest - moved @ fitted) ** 2) / free) / spread
-    return AffineFit(float(misfit), np.asarray(fitted.T, dtype=float) if known else None, axes)
-
-
-def _similarity_fit(points: Array, rotations: Array, measured: Array, axes: Codes) -> AffineFit:
-    # points: (m, 3) nominal tool points less their mean [m]; rotations: (m, 3, 3) nominal rotations less their mean;
-    # measured: (m, 3) [m], less their mean; axes: (d,) along which the nominal tool moves
-    if len(points) < _MIN_POSTURES or measured.shape[1] < 3:
+    if free >= (len(q) - 1) / 2:
+        # B is free: what turns of the tool do to an unknown offset is projected off both sides.
+        moved, rest = (x - basis @ (basis.T @ x) for x in (points[:, axes], target))
+        fitted, *_ = np.linalg.lstsq(moved, rest, rcond=_RANK_TOLERANCE)
+        misfit, found = np.sqrt(np.sum((rest - moved @ fitted) ** 2) / free) / spread, fitted.T
+        # Of the tool's motion, 2 % must be free of the wrist's, so that B can be separated from the tool.
+        size = np.linalg.svd(moved, compute_uv=False)[-1] / np.sqrt(len(q))
+        known = size > 0.02 * np.sqrt(np.mean(np.sum(points**2, axis=1)))
+    elif len(q) < 6 or target.shape[1] < 3:  # 18 coordinates for the 10 unknowns of a scaled rotation
         return AffineFit(np.nan, None, axes)
-    (proper, turn), (improper, flip) = (_scaled_rotation(points, rotations, measured, sign) for sign in (1.0, -1.0))
-    best, found = (improper, flip) if improper < proper / 5 else (proper, turn)
-    return AffineFit(best, found[:, axes], axes)
+    else:
+        tried = [_scaled_rotation(points, rotations, target, sign) for sign in (1.0, -1.0)]
+        (misfit, found), known = tried[1] if tried[1][0] < tried[0][0] / 5 else tried[0], True
+        found = found[:, axes]
+    return AffineFit(float(misfit), np.asarray(found, dtype=float) if known and misfit < 0.2 else None, axes)
 
 
 def _scaled_rotation(points: Array, rotations: Array, measured: Array, sign: float) -> tuple[float, Array]:
     """Misfit and map (3, 3) of the scaled rotation, in turns with the tool offset (Umeyama 1991, eqs. 40-43)."""
     tool = np.zeros(3)
-    for _ in range(_ALTERNATIONS):
+    for _ in range(20):  # five suffice for measured arms
         reached = points + rotations @ tool
         left, singular, right = np.linalg.svd(measured.T @ reached)
         signs = np.array([1.0, 1.0, sign * np.sign(np.linalg.det(left @ right))])
@@ -113,42 +104,16 @@ def touch_misfit(robot: Robot, q: Array, point: Codes) -> float:
     # q: (m, n) joint values [rad or m]; point: (m,) code of the touched point of each row
     points, rotations = nominal_poses(robot, q)
     flat = np.column_stack([points, rotations.reshape(len(q), 9)])
-    codes, count = np.unique(point, return_inverse=True)[1], np.bincount(point)
-    count = count[count > 0]
-    means = np.column_stack([np.bincount(codes, column) / count for column in flat.T])
-    flat = flat - means[codes]
+    codes = np.unique(point, return_inverse=True)[1]
+    flat = flat - group_means(flat, codes)[codes]
     offsets = flat[:, 3:].reshape(-1, 3)
-    free = 3 * (len(q) - len(count)) - 3
+    free = 3 * (len(q) - len(np.unique(point))) - 3
     if free < 3 * len(q) / 2:
         return float("nan")
     tool, *_ = np.linalg.lstsq(offsets, -flat[:, :3].ravel(), rcond=_RANK_TOLERANCE)
     rest = flat[:, :3].ravel() + offsets @ tool
-    turned = np.sqrt(np.sum(offsets**2) / (2 * len(q)))
-    size = reach(robot) * turned
+    size = reach(robot) * np.sqrt(np.sum(offsets**2) / (2 * len(q)))  # postures that hardly differ agree with anything
     return float(np.sqrt(3 * np.sum(rest**2) / free) / size) if size > 0 else float("nan")
-
-
-def _centred_columns(values: Array) -> Array:
-    """Values (m, …) less their mean over the rows."""
-    return np.asarray(values - values.mean(axis=0))
-
-
-def _column_basis(columns: Array) -> Array:
-    """(m, r) orthonormal columns that span the given ones (m, k)."""
-    left, singular, _ = np.linalg.svd(columns, full_matrices=False)
-    return np.asarray(left[:, singular > _RANK_TOLERANCE * max(singular[0], np.sqrt(len(columns)))])
-
-
-def _projected_off(columns: Array, basis: Array) -> Array:
-    """Columns (m, k) less their projection on an orthonormal basis (m, r)."""
-    return np.asarray(columns - basis @ (basis.T @ columns))
-
-
-# Units of length -> [m], in which coordinates may have been written
-_LENGTH_UNITS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "cm": 1e-2, "in": 0.0254}
-_UNLIKE_MISFIT = 0.1  # Unexplained share from which a warning says that another robot may have been measured
-_MAX_DISTANCE_RATIO = 1e4  # Lengths of the arm from the middle of all points; a wrong unit makes a thousand of one
-_TRUSTED_MISFIT = 0.2  # Unexplained share up to which scale and sign of the fitted map mean something
 
 
 class HasData(Protocol):
@@ -158,10 +123,8 @@ class HasData(Protocol):
     def arm(self) -> Arm: ...
     @property
     def robot(self) -> Robot: ...
-
     @property
     def data(self) -> DataSpec: ...
-
     @property
     def measurement(self) -> object: ...
 
@@ -191,8 +154,8 @@ def plausibility_checks(
     if _wrong_lengths(found, measured, q, robot, [columns[axis] for axis in named], faults):
         return [], better
     scale = None if better is not None else _motion_scale(found)
-    turned_frame = _turned_note(found, robot, named)
-    return [*_unlike_note(found.misfit, scale, "of the measured motion"), *turned_frame], better
+    unlike = _unlike_note(found.misfit, scale, "of the measured motion")
+    return [*unlike, *_turned_note(found, robot, named)], better
 
 
 def _better_reading(
@@ -219,7 +182,7 @@ def _better_reading(
 def _far_off(data: Measurements, position: Array, robot: Robot, faults: Faults) -> bool:
     size = max(reach(robot), 1.0)
     off = np.linalg.norm(position - np.median(position, axis=0), axis=1)
-    far = np.flatnonzero(off > _MAX_DISTANCE_RATIO * size)
+    far = np.flatnonzero(off > 1e4 * size)  # a wrong unit makes a thousand of one
     for row in map(int, far):
         message = f"the point lies {off[row]:.3g} m from the middle of all, and the arm is {size:.3g} m long"
         faults.add(message, hint="leave out the row", line=int(data.line[row]))
@@ -227,16 +190,15 @@ def _far_off(data: Measurements, position: Array, robot: Robot, faults: Faults) 
 
 
 def _motion_scale(found: AffineFit) -> float | None:
-    if found.map is None or not found.misfit < _TRUSTED_MISFIT:
-        return None
-    return float(np.sqrt(np.sum(found.map**2) / len(found.axes)))
+    """How many times as far as the nominal tool the measured point moves."""
+    return None if found.map is None else float(np.sqrt(np.sum(found.map**2) / len(found.axes)))
 
 
 def _wrong_lengths(
     found: AffineFit, measured: Array, q: Array, robot: Robot, columns: list[Column], faults: Faults
 ) -> bool:
     scales: Array
-    if found.misfit < _TRUSTED_MISFIT and found.map is not None and len(found.axes) == len(columns):
+    if found.map is not None and len(found.axes) == len(columns):
         scales = np.linalg.norm(found.map, axis=1)
     else:
         scales = np.full(len(columns), _motion_scale(found) or _distance_ratio(measured, q, robot))
@@ -271,18 +233,10 @@ def _likely_unit(scale: float, column: Column) -> str:
     return ""
 
 
-def _square_map(found: AffineFit) -> Array | None:
-    """The map (k, k) between as many axes as are measured, where the fit is good enough to trust its sign."""
-    if found.map is None or found.map.shape[0] != found.map.shape[1] or not found.misfit < _TRUSTED_MISFIT:
-        return None
-    return found.map
-
-
 def _turned_note(found: AffineFit, robot: Robot, named: list[str]) -> list[str]:
-    square = _square_map(found)
-    if robot.base_free or square is None:
+    if robot.base_free or found.map is None or found.map.shape[0] != found.map.shape[1]:
         return []
-    left, _, right = np.linalg.svd(square)
+    left, _, right = np.linalg.svd(found.map)
     cosine = (np.trace(left @ right) - (1 if len(named) == 3 else 0)) / 2
     angle = math.degrees(math.acos(min(1.0, max(-1.0, cosine))))
     if angle < 10:
@@ -294,7 +248,7 @@ def _turned_note(found: AffineFit, robot: Robot, named: list[str]) -> list[str]:
 
 
 def _unlike_note(misfit: float, scale: float | None, what: str) -> list[str]:
-    if misfit > _UNLIKE_MISFIT:
+    if misfit > 0.1:
         return [
             f"whatever base and tool, the nominal robot leaves {100 * misfit:.3g} % unexplained ({what}): is it "
             "another robot's file, or are signs or zeros of joints different?"

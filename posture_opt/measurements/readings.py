@@ -16,6 +16,7 @@ from posture_opt.measurements.measurements import (
     Measurements,
     ReadingWords,
     carried_joint_values,
+    group_means,
     nominal_poses,
     reach,
     sample_rows,
@@ -25,8 +26,6 @@ from posture_opt.measurements.rotations import inverted_poses, rotation_matrices
 from posture_opt.model.arm import Arm
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
-
-_ZEROS_DEG = (90, -90, 180)  # Zeros of a joint that makers choose differently
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +65,7 @@ def joint_readings(robot: Robot, columns: dict[str, Column], idle: set[int]) -> 
             line = f"are the two swapped? data: {{columns: {{{pair}}}}}"
             swapped = {i: (j, 1.0, 0.0), j: (i, 1.0, 0.0)}
             yield _of_joints("order", f"the columns {a} and {b} are exchanged", line, a, swapped, 2)
-    zeros = [(i, degrees) for i in turns if i not in idle for degrees in _ZEROS_DEG]
+    zeros = [(i, degrees) for i in turns if i not in idle for degrees in (90, -90, 180)]  # as makers choose them
     for some in (*combinations(zeros, 1), *combinations(zeros, 2)):
         own = {names[i]: degrees for i, degrees in some}
         if len(own) == len(some):
@@ -108,7 +107,8 @@ def unit_readings(robot: Robot, columns: dict[str, Column], q: Array) -> Iterato
     ):
         those = [j for j, joint in enumerate(robot.joints) if joint.type == kind and columns[names[j]].unit == stated]
         for some in dict.fromkeys([tuple(those), *((j,) for j in those)]):
-            if some and (factor > 1 or _beyond_limits(q, robot, some)):
+            beyond = any(q[:, j].max() > robot.upper[j] or q[:, j].min() < robot.lower[j] for j in some)
+            if some and (factor > 1 or beyond):  # numbers too large for their unit leave the limits
                 what = f"the numbers of {', '.join(names[j] for j in some)} are {meant}"
                 line = "write " + ", ".join(f"{names[j]} [{meant}]" for j in some)
                 yield _of_joints("unit", what, line, names[some[0]], {j: (j, factor, 0.0) for j in some}, len(some))
@@ -184,30 +184,9 @@ def _of_joints(
     return Reading(f"reading.joint-{what}" if what != "unit" else "reading.unit", message, hint, column, of, changes)
 
 
-def _beyond_limits(q: Array, robot: Robot, some: tuple[int, ...]) -> bool:
-    return any(q[:, j].max() > robot.upper[j] or q[:, j].min() < robot.lower[j] for j in some)
-
-
-_MAX_ROWS = 60  # Postures by which readings are judged: a question about whole columns
-_FITTED = 40  # Readings that are fitted, the best of the linear screening
-_SCREENED_ROWS = 26  # FileRows from which on a linear map of 13 columns says something
-_GIVEN_ROUNDS = 12  # Gauss-Newton steps for the columns as given, which must not lose by a poor start
-_QUIET = 2.0  # Stated standard deviations of scatter up to which data fit and no other reading is looked for
-# Of the tool point from where the file starts it: of readings that fit alike, the one that moves it less is named
-_SHIFT_M = 0.02
-_RATIO = 2.5  # How many times less the reading must leave
 _MAX_LEFT = 0.01  # Of the motion: what a right reading leaves at most, as `Disagreement` of a calibrated arm has it
-_MAX_TURNED = math.radians(2)
 _ALIKE = 1.5  # Ratio of scatters up to which two readings fit alike: the simpler one is named
-# Of the motion, and of orientations, up to which data can be used as they are read
-_USABLE_LEFT, _USABLE_TURNED = 0.01, math.radians(3)
-_MAX_ALIKE = 3  # Other readings that are named
-_SPARE_NUMBERS = 12  # Coordinates beyond those of two frames that a judgement needs
 _EVIDENCE = 20.0  # Logarithm of the likelihood ratio that a reading must gain, some hundred being tried
-# Deviation of a scale from 1 that is a matter of reading: a wrong size of a board, a wrong unit; less is an error of
-# the instrument, which a diagnosis finds
-_LEAST_SCALE = 3e-3
-_DEFAULT_SIGMA_M, _DEFAULT_TURN_RAD = 1e-4, 1e-3  # Noise of an instrument whose file states none
 # What the columns as given leave, and the readings that leave far less with what they leave
 Fitting = tuple[FrameFit, list[tuple[Reading, FrameFit]]]
 
@@ -218,44 +197,50 @@ def sample_of(data: Measurements, arm: Arm, measurement: object) -> Sample | Non
     if touched and not data.touches:
         return None
     rows = sample_rows(data)
-    rows = rows[np.unique(np.linspace(0, len(rows) - 1, min(len(rows), _MAX_ROWS)).round().astype(np.intp))]
+    rows = rows[np.unique(np.linspace(0, len(rows) - 1, min(len(rows), 60)).round().astype(np.intp))]
     sigma = float(getattr(measurement, "position", None) or 0.0)
     turn = float(getattr(measurement, "orientation", None) or 0.0)
     position = None if data.position is None else data.position[rows]
     rotation = data.rotation[rows] if data.rotation is not None and (turn or data.inverted) else None
-    turn = turn or _DEFAULT_TURN_RAD
+    turn = turn or 1e-3
     beside = turn * np.median(np.linalg.norm(position, axis=1)) if data.inverted and position is not None else 0.0
     axes = np.arange(3) if touched else np.flatnonzero(data.measured_axes)
     block = len(axes) + (0 if rotation is None else 3)
     unknowns = 3 * len(np.unique(data.point[rows])) + 3 if touched else 12 if block > 3 else 9
     spare = len(rows) * block - unknowns
-    if spare < _SPARE_NUMBERS:
+    if spare < 12:
         return None
     return Sample(
         rows, robot, data.q[rows], carried_joint_values(arm, data.q[rows]), position, rotation, axes, data.point[rows],
         touched or robot.base_free or len(data.robot_names) > 1, robot.tool_free or len(data.target_names) > 1,
-        float(np.hypot(sigma or _DEFAULT_SIGMA_M, beside)), turn, spare,
+        float(np.hypot(sigma or 1e-4, beside)), turn, spare,
     )  # fmt: skip
 
 
 def fitting_readings(sample: Sample, arm: Arm, readings: Callable[[], Sequence[Reading]]) -> Fitting:
     """What explains the rows to their noise where the columns as given do not, the simplest first."""
-    now = frame_fit(sample, rounds=_GIVEN_ROUNDS)
-    if now.scatter < _QUIET and now.strain**2 < 2 * _EVIDENCE:
+    now = frame_fit(sample, rounds=12)  # the columns as given must not lose by a poor start
+    if now.scatter < 2 and now.strain**2 < 2 * _EVIDENCE:
         return now, []
-    tried = [(r, _read(sample, r, arm)) for r in readings()]
+    given, tried = FileRows(sample.commanded, sample.position, sample.rotation), []
+    for reading in readings():
+        rows = reading.of(given)
+        q = carried_joint_values(arm, rows.q)
+        tried.append((reading, replace(sample, q=q, position=rows.position, rotation=rows.rotation)))
     fits = [(r, frame_fit(read, r.scale)) for r, read in _screened(tried)]
     good = [
         (r, fit)
         for r, fit in fits
-        if (now.scatter > fit.scatter * max(_RATIO, math.exp(_EVIDENCE / sample.spare)) or _relieves(fit, now))
+        if (now.scatter > fit.scatter * max(2.5, math.exp(_EVIDENCE / sample.spare)) or _relieves(fit, now))
         and fit.left < _MAX_LEFT * sample.motion
-        and fit.turned < _MAX_TURNED
-        and (not r.scale or abs(fit.scale - 1) > _LEAST_SCALE)
+        and fit.turned < math.radians(2)
+        # A smaller scale is an error of the instrument, which a diagnosis finds.
+        and (not r.scale or abs(fit.scale - 1) > 3e-3)
     ]
     best = min((fit.scatter for _, fit in good), default=0.0)
     alike = [one for one in good if one[1].scatter < _ALIKE * best]
-    return now, sorted(alike, key=lambda one: (one[0].changes, round(one[1].shift / _SHIFT_M)))
+    # Of readings that fit alike, the simplest is named, then the one that moves the tool point less, in steps of 20 mm.
+    return now, sorted(alike, key=lambda one: (one[0].changes, round(one[1].shift / 0.02)))
 
 
 def _relieves(fit: FrameFit, given: FrameFit) -> bool:
@@ -271,35 +256,29 @@ def better_reading(sample: Sample, arm: Arm, readings: Callable[[], Sequence[Rea
     reading, found = fits[0]
     others = [_words(r, fit) for r, fit in fits[1:] if r.changes == reading.changes]
     of_base = reading.id == "reading.joint-zero" and reading.column == sample.robot.joint_names[0]
-    usable = reading.scale or of_base or (now.left < _USABLE_LEFT * sample.motion and now.turned < _USABLE_TURNED)
+    usable = reading.scale or of_base or (now.left < _MAX_LEFT * sample.motion and now.turned < math.radians(3))
     turned = None if sample.rotation is None else (now.turned, found.turned)
-    return BetterReading(_words(reading, found), others[:_MAX_ALIKE], (now.left, found.left), turned, usable)
+    return BetterReading(_words(reading, found), others[:3], (now.left, found.left), turned, usable)
 
 
 def _words(reading: Reading, fit: FrameFit) -> ReadingWords:
     message, hint = reading.message, reading.hint
     if reading.scale:
         message = f"its lengths are {fit.scale:.5g} times too long"
-        hint = (
-            f"is the board {1 / fit.scale:.4g} times the size that was entered? else divide x, y, z by {fit.scale:.5g}"
-        )
+        size, factor = f"{1 / fit.scale:.4g}", f"{fit.scale:.5g}"
+        hint = f"is the board {size} times the size that was entered? else divide x, y, z by {factor}"
     return ReadingWords(reading.id, message, hint, reading.column)
-
-
-def _read(sample: Sample, reading: Reading, arm: Arm) -> Sample:
-    rows = reading.of(FileRows(sample.commanded, sample.position, sample.rotation))
-    return replace(sample, q=carried_joint_values(arm, rows.q), position=rows.position, rotation=rows.rotation)
 
 
 def _screened(tried: list[tuple[Reading, Sample]]) -> list[tuple[Reading, Sample]]:
     if not tried:
         return []
-    first = tried[0][1]
-    m = len(first.q)
-    poses = nominal_poses(first.robot, np.concatenate([read.q for _, read in tried]))
+    m, robot = len(tried[0][1].q), tried[0][1].robot
+    poses = nominal_poses(robot, np.concatenate([read.q for _, read in tried]))
     p, R = poses[0].reshape(-1, m, 3), poses[1].reshape(-1, m, 9)
     misfits = [_linear_misfit(read, p[k], R[k]) for k, (_, read) in enumerate(tried)]
-    order = np.argsort(misfits, kind="stable")[: _FITTED if m > _SCREENED_ROWS else None]
+    # A linear map of 13 columns says something from twice as many rows on.
+    order = np.argsort(misfits, kind="stable")[: 40 if m > 26 else None]
     chosen = {*map(int, order), *(k for k, (r, _) in enumerate(tried) if r.scale)}
     return [tried[k] for k in sorted(chosen)]
 
@@ -308,10 +287,8 @@ def _linear_misfit(read: Sample, p: Array, R: Array) -> float:
     """Sum of squares that a linear map from 1, p (m, 3) and R (m, 9) leaves of what was measured."""
     if read.position is None:
         codes = np.unique(read.point, return_inverse=True)[1]
-        count = np.bincount(codes)[:, None]
         flat = np.concatenate([p, R], axis=1)
-        means = np.stack([np.bincount(codes, column) for column in flat.T], axis=1) / count
-        flat = flat - means[codes]
+        flat = flat - group_means(flat, codes)[codes]
         X, Y = flat[:, 3:].reshape(-1, 3), flat[:, :3].reshape(-1, 1)
     else:
         X = np.concatenate([np.ones((len(p), 1)), p, R], axis=1)

@@ -88,6 +88,13 @@ def nearest_rotation(M: NDArray[Any]) -> Array:
     return np.asarray(U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt)
 
 
+def cross_matrices(v: Array) -> Array:
+    """(n, 3, 3) matrices ``[v]×`` of vectors (n, 3): ``[v]× a = v × a``."""
+    W = np.zeros((len(v), 3, 3))
+    W[:, 2, 1], W[:, 0, 2], W[:, 1, 0] = v.T
+    return W - np.swapaxes(W, 1, 2)
+
+
 def rigid(R: Array, t: Array) -> Array:
     """(…, 4, 4) of rotations (…, 3, 3) and shifts (…, 3)."""
     T = np.zeros((*t.shape[:-1], 4, 4))
