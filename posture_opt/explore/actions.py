@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from posture_opt.numerics import Array
-from posture_opt.problem.plain_data import Plain
 from posture_opt.problem.problem import Problem
+from posture_opt.problem.yaml_source import Plain
 
 
 @dataclass(frozen=True)

@@ -21,8 +21,8 @@ from posture_opt.explore.server import served, stop
 from posture_opt.explore.taken_away import TakenAway, millimetres, places_of, position_of
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array
-from posture_opt.problem.plain_data import Plain
 from posture_opt.problem.problem import Problem
+from posture_opt.problem.yaml_source import Plain
 from posture_opt.report.scene.arm_geometry import ArmGeometry
 from posture_opt.report.scene.arm_solids import ArmSolids
 from posture_opt.robot.posture import Posture

@@ -7,8 +7,8 @@ from html import escape
 from typing import TYPE_CHECKING, Any, get_args
 
 from posture_opt.explore.settings import Setting, settings_of
-from posture_opt.problem.plain_data import Plain
 from posture_opt.problem.problem import Problem
+from posture_opt.problem.yaml_source import Plain
 
 if TYPE_CHECKING:
     import viser

@@ -14,7 +14,7 @@ from posture_opt.diagnosis.discrimination_plan import detection_probability
 from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent
 from posture_opt.errors import enumerated
 from posture_opt.measurements.columns import AXES
-from posture_opt.measurements.kinds.pose_columns import QUATERNION
+from posture_opt.measurements.kinds.pose import QUATERNION
 from posture_opt.report.parts.model_tables import error_cells, error_headers, mm, range_table
 from posture_opt.report.text.blocks import Facts, Item, Table
 from posture_opt.report.text.words import MODEL_NAMES
