@@ -37,7 +37,6 @@ def csv_line(cells: Iterable[str], separator: str = ", ") -> str:
 
 
 def _csv_cell(cell: str, quoted: str) -> str:
-    """A cell with its apostrophe, and with its quotes where it holds one of the characters ``quoted``."""
     text = one_line(cell)
     if _FORMULA.match(text) and not _NUMBER.fullmatch(text):
         text = "'" + text

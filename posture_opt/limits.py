@@ -1,9 +1,4 @@
-"""All limits in one place: how much the commands accept, what one thing more costs, and what to do with too many.
-
-No accepted input takes more than about ten minutes of one core, or 1 GB, on an arm with six joints; a map of 50 000
-targets takes twenty minutes, and goes on where it was ended. Costs were measured on such an arm, where not said
-otherwise.
-"""
+"""All limits in one place: how much the commands accept, what one thing more costs, and what to do with too many."""
 
 from __future__ import annotations
 
@@ -15,13 +10,6 @@ from posture_opt.errors import BadValueError, InputError, Issue, KeyPath
 @dataclass(frozen=True)
 class Budget:
     """The most of one thing that is accepted.
-
-    Args:
-        what: the thing, in the plural.
-        most: the number that is accepted.
-        where: commands, or parts of a file, that have it.
-        cost: what one costs, as measured.
-        hint: what to do with more.
 
     Example:
         >>> Budget("rows", 2, "tables", "1 ms each", "thin them out").check(3)
@@ -45,20 +33,12 @@ class Budget:
         return f"more than the {self.most} {self.what} that are accepted"
 
     def check(self, count: int) -> None:
-        """Refuse more of them, where the key is not known.
-
-        Raises:
-            BadValueError: more than are accepted.
-        """
+        """Refuse more of them, where the key is not known."""
         if count > self.most:
             raise BadValueError(self.message(count), self.hint)
 
     def check_at(self, count: int, key: KeyPath, hint: str = "") -> None:
-        """Refuse more of them, named by ``key``; ``hint`` in place of the usual one.
-
-        Raises:
-            InputError: more than are accepted.
-        """
+        """Refuse more of them, named by ``key``; ``hint`` in place of the usual one."""
         if count > self.most:
             raise InputError(Issue(self.message(count), key, count, hint or self.hint))
 

@@ -80,5 +80,4 @@ class Manifest:
 
 
 def _is_plain_name(name: str) -> bool:
-    """Whether a name is that of a file right in the folder: no path leads out of it."""
     return bool(name) and name == os.path.basename(name) and name not in (".", "..")

@@ -66,11 +66,7 @@ def factored_columns(A: Array) -> tuple[Array, Array] | None:
 
 
 def thin_svd(A: Array) -> tuple[Array, Array, Array]:
-    """``A = U diag(s) Vᵀ`` (m, k): U (m, r), s (r,) and Vᵀ (r, k), r the smaller of both sides.
-
-    The method of numpy, divide and conquer, is fast; where singular values are many and all rounding it may not
-    converge, and LAPACK's older one takes its place.
-    """
+    """``A = U diag(s) Vᵀ`` (m, k): U (m, r), s (r,) and Vᵀ (r, k), r the smaller of both sides."""
     try:
         U, s, V = np.linalg.svd(A, full_matrices=False)
     except np.linalg.LinAlgError:
@@ -112,10 +108,7 @@ def stacked_rows(vector: Sequence[Any], n: int) -> Array:
 
 
 class DerivedAgain:
-    """Pickles and copies as what it was made from: what its cached properties hold is derived again on demand.
-
-    CasADi's symbols cannot be sent to another process: there they would be unrelated to the symbols made there.
-    """
+    """Pickles and copies as what it was made from: what its cached properties hold is derived again on demand."""
 
     def __getstate__(self) -> dict[str, Any]:
         """The attributes without those that a ``cached_property`` has filled."""
@@ -124,5 +117,4 @@ class DerivedAgain:
 
 
 def _is_cached(kind: type[Any], name: str) -> bool:
-    """Whether an attribute of a class is a ``cached_property``."""
     return isinstance(getattr(kind, name, None), cached_property)

@@ -52,26 +52,7 @@ def finite(value: Json) -> Json:
 def write_folder(
     out: Path, files: Mapping[str, bytes], key: KeyPath = (), replaces: Collection[str] = frozenset()
 ) -> tuple[Path, ...]:
-    """Writes files, by name, into a folder: all of them in one step, or none.
-
-    The whole folder is prepared next to ``out`` and takes its place at once, other files of the folder included: a
-    reader finds what was there before or what is there now, also after a power cut. Where a folder cannot be exchanged
-    (it has folders inside, is the working folder, a mount point or another user's; another system than Linux), the
-    files of ``replaces`` go first and the new ones come then, so that at no time two reports are there together.
-
-    Args:
-        out: the folder; it and its parents are made where they are missing.
-        files: name -> content.
-        key: what the user calls ``out``, for the message.
-        replaces: names that, written by an earlier call and not changed since, are removed.
-
-    Returns:
-        The paths of the files, in their order.
-
-    Raises:
-        InputError: ``out`` cannot be written to, or has a file of such a name that this program did not write, or
-            that was changed since. Nothing was touched then.
-    """
+    """Writes files, by name, into a folder: all of them in one step, or none."""
     made = _missing_parents(out)
     try:
         with _os_errors_as_issues(out, key):
@@ -86,7 +67,6 @@ def write_folder(
 
 
 def _put_files(place: Path, files: Mapping[str, bytes], replaces: Collection[str]) -> None:
-    """Write files, name -> content, into a folder, as of `write_folder`; nobody else does so meanwhile."""
     known = Manifest.of(place)
     gone = {name for name in known.names & {*files, *replaces} if known.lists(place / name)}
     listed = known.of_names(known.names - gone).joined(Manifest.listing(files))
@@ -100,16 +80,7 @@ def _put_files(place: Path, files: Mapping[str, bytes], replaces: Collection[str
 
 
 def write_file(path: Path, content: bytes, key: KeyPath = ()) -> None:
-    """Writes one file, whole or not at all; one of this name is replaced.
-
-    Args:
-        path: of the file; its folder is made where it is missing.
-        content: all of it.
-        key: what the user calls ``path``, for the message.
-
-    Raises:
-        InputError: it cannot be written.
-    """
+    """Writes one file, whole or not at all; one of this name is replaced."""
     folder, made = path.absolute().parent, _missing_parents(path)
     try:
         with _os_errors_as_issues(path, key):
@@ -126,16 +97,7 @@ def write_file(path: Path, content: bytes, key: KeyPath = ()) -> None:
 
 @contextmanager
 def writable_folder(out: Path, key: KeyPath = (), names: Collection[str] = frozenset()) -> Iterator[None]:
-    """Makes sure that ``out`` can be written to before anything is computed; leaves nothing where nothing came of it.
-
-    What a run that was killed has left there is cleared.
-
-    Args:
-        names: of files that may be written.
-
-    Raises:
-        InputError: it cannot, or holds such a file that this program did not write, or that was changed since.
-    """
+    """Makes sure that ``out`` can be written to before anything is computed."""
     made = _missing_parents(out)
     try:
         with _os_errors_as_issues(out, key):
@@ -153,11 +115,6 @@ def writable_folder(out: Path, key: KeyPath = (), names: Collection[str] = froze
 
 @contextmanager
 def _os_errors_as_issues(out: Path, key: KeyPath) -> Iterator[None]:
-    """Whatever the system refuses is reported as what it means for the user.
-
-    Raises:
-        InputError: for every OSError of the body.
-    """
     try:
         yield
     except OSError as error:
@@ -166,12 +123,6 @@ def _os_errors_as_issues(out: Path, key: KeyPath) -> Iterator[None]:
 
 
 def _check_foreign(out: Path, key: KeyPath, names: Collection[str]) -> None:
-    """Refuses a folder that has files of these names that are not ours.
-
-    Raises:
-        NotADirectoryError: ``out`` is a file.
-        InputError: files that this program did not write, or that were changed since.
-    """
     if os.path.lexists(out) and not out.is_dir():
         raise NotADirectoryError(20, "this is a file, not a folder")
     foreign = Manifest.of(out).foreign(out, names)
@@ -189,7 +140,6 @@ def _check_foreign(out: Path, key: KeyPath, names: Collection[str]) -> None:
 
 
 def _can_exchange(place: Path) -> bool:
-    """Whether another folder may take the place of this one without any process being left in the old one."""
     status = place.stat()
     mine = not hasattr(os, "geteuid") or status.st_uid == os.geteuid()
     apart = not os.path.ismount(place) and not os.path.samestat(status, os.stat(os.curdir))
@@ -198,15 +148,6 @@ def _can_exchange(place: Path) -> bool:
 
 
 def _put_in_place(prepared: Path, place: Path, gone: Collection[str]) -> bool:
-    """Put the prepared folder into its place, with the other files of the place.
-
-    Args:
-        prepared: the new folder; place: where it belongs.
-        gone: names that are not taken over.
-
-    Returns:
-        Whether it was done; False where links or the exchange are not possible, with nothing changed.
-    """
     if not place.exists():
         umask = os.umask(0)
         os.umask(umask)
@@ -230,7 +171,6 @@ def _put_in_place(prepared: Path, place: Path, gone: Collection[str]) -> bool:
 
 
 def _move_in(prepared: Path, place: Path, gone: Collection[str], either: Manifest) -> None:
-    """Move the prepared files into a folder that stays: the old ones go first, the manifest knows both meanwhile."""
     (prepared / "either").write_text(either.text, encoding="utf-8")
     (prepared / "either").replace(place / MANIFEST)
     for name in sorted(gone):
@@ -240,12 +180,10 @@ def _move_in(prepared: Path, place: Path, gone: Collection[str], either: Manifes
 
 
 def _missing_parents(out: Path) -> list[Path]:
-    """The folders above a path that do not exist yet, the nearest first."""
     return [folder for folder in out.absolute().parents if not folder.exists()]
 
 
 def _remove_empty(folders: list[Path]) -> None:
-    """Remove folders that were made on the way where nothing was written into them, the innermost first."""
     for folder in folders:
         try:
             folder.rmdir()

@@ -29,13 +29,7 @@ _RENAME_EXCHANGE = 2
 
 @contextmanager
 def staging(beside: Path) -> Iterator[Path]:
-    """A new folder in ``beside``, removed at the end; a lock shows other processes that its owner is alive.
-
-    What a killed process left in ``beside`` is cleared first.
-
-    Raises:
-        OSError: no folder can be made there.
-    """
+    """A new folder in ``beside``, removed at the end; a lock shows other processes that its owner is alive."""
     clear_leftovers(beside)
     folder, lock = _locked_folder(beside)
     try:
@@ -76,13 +70,7 @@ def clear_leftovers(folder: Path) -> None:
 
 
 def exchanged(one: Path, other: Path) -> bool:
-    """Give two folders each other's name in one step, ``renameat2(…, RENAME_EXCHANGE)``.
-
-    Linux has it since 3.15, on most file systems.
-
-    Returns:
-        Whether it was done; False on other systems and file systems, with nothing changed.
-    """
+    """Give two folders each other's name in one step, ``renameat2(…, RENAME_EXCHANGE)``."""
     if sys.platform != "linux":
         return False
     try:
@@ -115,7 +103,6 @@ def settle(path: Path) -> None:
 
 
 def _locked_folder(beside: Path) -> tuple[Path, int | None]:
-    """A new folder and the descriptor of its lock; None for the lock where folders cannot be locked."""
     while True:
         folder = Path(tempfile.mkdtemp(prefix=PREFIX, dir=beside))
         lock = _lock_folder(folder)
@@ -125,7 +112,6 @@ def _locked_folder(beside: Path) -> tuple[Path, int | None]:
 
 
 def _lock_folder(path: Path) -> int | None:
-    """The open, locked folder; None where its owner lives, it is gone, or nothing can be locked here."""
     if sys.platform == "win32":
         return None
     descriptor = None
@@ -142,7 +128,6 @@ def _lock_folder(path: Path) -> int | None:
 
 
 def _is_old(path: Path) -> bool:
-    """Whether a folder was left behind, where no lock can show it: by its age."""
     try:
         return not _can_lock(path.parent) and time.time() - path.stat().st_mtime > _LEFTOVER_AGE_S
     except OSError:
@@ -150,7 +135,6 @@ def _is_old(path: Path) -> bool:
 
 
 def _can_lock(folder: Path) -> bool:
-    """Whether folders can be locked in this file system."""
     if sys.platform == "win32":
         return False
     descriptor = os.open(folder, os.O_RDONLY)

@@ -1,8 +1,4 @@
-"""Texts from outside: which characters a text may hold that reports, figures, programs and tables repeat.
-
-Every text of a file passes `checked`, whatever its format: names end up in comments of robot programs, where a line
-break would put what follows it on a line of its own.
-"""
+"""Texts from outside: which characters a text may hold that reports, figures, programs and tables repeat."""
 
 from __future__ import annotations
 
@@ -38,8 +34,6 @@ def text_fault(text: str) -> tuple[str, str] | None:
 def one_line(text: str) -> str:
     r"""The text with a blank for each line break and tab, and ``?`` for what else no text may hold.
 
-    For names that cannot be refused, and for whatever is written to where a line break counts.
-
     Example:
         >>> one_line("a\nmovej()")
         'a movej()'
@@ -48,12 +42,7 @@ def one_line(text: str) -> str:
 
 
 def checked(data: Any, key: KeyPath = ()) -> tuple[Any, list[Issue]]:
-    """Plain data with every text in `one_line`, and an issue for each text and name of a key that was not.
-
-    Args:
-        data: text, number, or lists and mappings of them.
-        key: of ``data`` in the whole, for the issues.
-    """
+    """Plain data with every text in `one_line`, and an issue for each text and name of a key that was not."""
     if isinstance(data, str):
         fault = text_fault(data)
         return (data, []) if fault is None else (one_line(data), [Issue(fault[0], key, None, fault[1])])

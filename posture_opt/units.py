@@ -1,11 +1,4 @@
-"""Quantities with units in files and reports, SI and radians inside.
-
-A number that has a dimension carries its unit in the file: ``0.05 mm``, ``20 arcsec``, ``8 urad/(N m)``. Zero needs
-none: it is the same in every unit. So is what is `NEGLIGIBLE`.
-
-The annotated types below are the fields of the ``Spec`` classes: they read such a text and hold SI floats.
-`shown` goes the other way, with a standard error where there is one: ``0.261 ± 0.012 mrad``.
-"""
+"""Quantities with units in files and reports, SI and radians inside."""
 
 from __future__ import annotations
 
@@ -147,11 +140,6 @@ def registry() -> UnitRegistry[float]:
 
 @cache
 def _unit_factor(unit: str, dimension: str) -> float:
-    """The factor from ``unit`` to the SI unit of ``dimension``.
-
-    Raises:
-        BadValueError: an unknown unit, or one of another dimension.
-    """
     if (unit, dimension) in _COMMON_FACTORS:
         return _COMMON_FACTORS[unit, dimension]
     si, example = DIMENSIONS[dimension]
@@ -176,14 +164,6 @@ def _unit_factor(unit: str, dimension: str) -> float:
 
 def parse_quantity(value: object, dimension: str) -> float:
     """The SI value of a text such as ``"0.05 mm"``; a bare zero is zero in every unit, and so is what is `NEGLIGIBLE`.
-
-    Args:
-        value: what is in the file.
-        dimension: a key of ``DIMENSIONS``.
-
-    Raises:
-        BadValueError: no text, no number, no unit though it is not zero, a wrong unit, or not finite.
-        ImplausibleError: a magnitude that no arm and no workpiece has, see ``LARGEST``.
 
     Example:
         >>> parse_quantity("0.05 mm", "length"), parse_quantity("180 deg", "angle")
@@ -224,8 +204,6 @@ _TEXT_OR_ZERO: dict[str, Any] = {"type": ["string", "number"], "minimum": -NEGLI
 
 
 def _quantity_type(dimension: str) -> Any:
-    """The type of a field of this dimension: a float in SI units, read from a text, with its JSON Schema."""
-
     def read(value: object) -> float:
         return parse_quantity(value, dimension)
 
@@ -260,7 +238,6 @@ class JointQuantity:
 
     Args:
         value: [rad] or [m].
-        dimension: ``angle``, ``length``, or empty for a bare zero, which suits both.
     """
 
     value: float
@@ -285,11 +262,6 @@ def is_bare_zero(text: Any) -> bool:
 
 
 def _joint_quantity(text: object) -> JointQuantity:
-    """The angle or the length that a text states.
-
-    Raises:
-        BadValueError: neither, with the message of an angle; or a magnitude that is not plausible.
-    """
     if isinstance(text, JointQuantity):
         return text
     if is_bare_zero(text):
@@ -312,7 +284,6 @@ def joint_text(value: float, unit: str) -> str:
 
     Args:
         value: [rad] or [m].
-        unit: ``rad`` or ``m``.
 
     Example:
         >>> joint_text(0.5, "rad"), joint_text(0.0521, "m")
@@ -337,11 +308,7 @@ JointValue = Annotated[
 
 
 def parse_celsius(value: object) -> float:
-    """The temperature [degC] of a text such as ``"23.5 degC"``.
-
-    Raises:
-        BadValueError: no number, no unit or another one, or a magnitude that is not plausible.
-    """
+    """The temperature [degC] of a text such as ``"23.5 degC"``."""
     match = _NUMBER.match(value) if isinstance(value, str) else None
     if match is None or match[2] not in ("degC", "°C") or not abs(float(match[1])) <= LARGEST["temperature"]:
         raise BadValueError(f"{as_given(value)} is no temperature", "write for example 23.5 degC")
@@ -350,12 +317,6 @@ def parse_celsius(value: object) -> float:
 
 def number(value: float, digits: int = 3, beside: float = 0.0) -> str:
     """``value`` with ``digits`` significant digits or more, six decimals at most, and no exponent: 0.0123, 1.23, 1234.
-
-    Args:
-        value: any number; NaN and infinity become ``UNKNOWN``.
-        digits: significant digits of a number below 10^digits.
-        beside: a larger number next to it, which limits the decimals: two more than that one has. 0.000003 next to
-            0.0690, and not 0.00000333; what is less is 0.
 
     Example:
         >>> number(0.012345), number(1234.5), number(3.33e-6, beside=0.069), number(1.28e-13)
@@ -369,7 +330,6 @@ def number(value: float, digits: int = 3, beside: float = 0.0) -> str:
 
 
 def _significant_decimals(value: float, digits: int) -> int:
-    """How many decimals a number of so many significant digits has; none of zero."""
     if value == 0 or not math.isfinite(value):
         return 0
     rounded = float(f"{value:.{digits - 1}e}")  # 9.996 has one digit more before the point once it is rounded
@@ -392,12 +352,6 @@ def fixed(value: float, decimals: int = 2) -> str:
 def plus_minus(value: float, std: float, factor: float = 1.0, unit: str = "") -> str:
     """A number times ``factor`` with its standard error to two digits.
 
-    Args:
-        value, std: in one unit; a standard error that is not known, or zero, is left out, and one below the last of
-            six decimals rounded up to it.
-        factor: from that unit to the one that is written.
-        unit: behind the number.
-
     Example:
         >>> plus_minus(2.61e-4, 1.2e-5, 1e3, "mrad")
         '0.261 ± 0.012 mrad'
@@ -416,7 +370,6 @@ def shown(value: float, dimension: str, std: float = math.nan) -> str:
 
     Args:
         value, std: [SI]; lengths below 10 µm are written in µm, others in mm.
-        dimension: ``length`` or a key of ``SHOWN``.
 
     Example:
         >>> shown(8e-6, "angle per torque"), shown(2.61e-4, "angle", 1.2e-5)

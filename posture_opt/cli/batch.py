@@ -1,7 +1,4 @@
-"""``optimize-posture batch``: the postures of many problem files.
-
-Problems are independent: workers solve them in any order, and a checkpoint keeps those that are done.
-"""
+"""``optimize-posture batch``: the postures of many problem files."""
 
 from __future__ import annotations
 
@@ -63,7 +60,6 @@ def batch_command(common: Common, files: Sequence[str], scheduler: str | None, c
 
 
 def _print_failures(found: PostureBatch) -> None:
-    """Why problems have no answer, on standard error: what the report says where there is one."""
     failed = [answer for answer in found.answers if answer.code]
     for answer in failed[:_MAX_FAILURES]:
         click.echo(f"error: {answer.name}: {'; '.join(answer.reasons)}", err=True)
@@ -72,7 +68,6 @@ def _print_failures(found: PostureBatch) -> None:
 
 
 def _read(name: str) -> Problem | InputError:
-    """The problem of a file, or what is wrong with it: a row of the report says so."""
     try:
         return po.load_problem(name)
     except InputError as error:

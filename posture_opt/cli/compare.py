@@ -45,13 +45,11 @@ def compare_command(common: Common, problems: Sequence[str], **given: str | None
 
 
 def _requested(name: str, given: Mapping[str, str | None]) -> Problem:
-    """The problem of a file, of a built-in name, or of a preset."""
     if name in preset_names() and not is_there(Path(name)):
         return deferred.requested_problem(None, name, **given)
     return deferred.requested_problem(name, **given)
 
 
 def _names(problems: Sequence[str]) -> list[str]:
-    """Stems of the files, or the whole paths where two of them are called the same."""
     stems = [Path(problem).stem for problem in problems]
     return stems if len(set(stems)) == len(stems) else list(problems)

@@ -1,7 +1,4 @@
-"""``optimize-posture compensate``: joint values that bring this arm, with its errors, to targets.
-
-The command reads, computes, saves and prints; the mathematics is in ``posture_opt.compensation``.
-"""
+"""``optimize-posture compensate``: joint values that bring this arm, with its errors, to targets."""
 
 from __future__ import annotations
 

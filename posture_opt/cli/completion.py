@@ -1,7 +1,4 @@
-"""``optimize-posture completion``: what a shell needs to complete commands, options and their values.
-
-The scripts are click's own. They ask this program when the tab key is pressed, which must be fast: see ``deferred``.
-"""
+"""``optimize-posture completion``: what a shell needs to complete commands, options and their values."""
 
 from __future__ import annotations
 

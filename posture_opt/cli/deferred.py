@@ -1,8 +1,4 @@
-"""What commands need once they run, each imported when it is first used.
-
-A shell that completes a word asks for commands and options only. It must not wait for the libraries behind them, so the
-files of the commands import nothing that loads NumPy, CasADi or pydantic.
-"""
+"""What commands need once they run, each imported when it is first used."""
 
 from __future__ import annotations
 

@@ -43,7 +43,6 @@ def detect_command(
 
 
 def _said(counts: Mapping[str, int]) -> str:
-    """How many points were found, and in which pictures none was."""
     none = [name for name, count in counts.items() if not count]
     text = f"{sum(counts.values())} points in {len(counts) - len(none)} of {len(counts)} pictures"
     return f"{text}; the board was not found in {', '.join(none)}" if none else text

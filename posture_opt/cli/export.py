@@ -1,7 +1,4 @@
-"""``optimize-posture export``: the arm, its covariance as code, its posture as a program.
-
-Without ``--out`` the files are printed one after the other; with it their names and the notes are.
-"""
+"""``optimize-posture export``: the arm, its covariance as code, its posture as a program."""
 
 from __future__ import annotations
 
@@ -74,9 +71,5 @@ def export_command(
 
 
 def write_files(out: Path, files: Mapping[str, str]) -> None:
-    """Write files by name into a folder, all or none.
-
-    Raises:
-        InputError: the folder cannot be written to.
-    """
+    """Write files by name into a folder, all or none."""
     write_folder(out, {file: text.encode() for file, text in files.items()}, OUT)

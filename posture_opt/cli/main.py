@@ -1,9 +1,4 @@
-"""``optimize-posture``: the group of commands, its exit codes, and its error messages.
-
-Commands are imported when they are called: a solve does not wait for the others. Every way out of the program goes
-through `PostureCommands.main`: 0 done, 1 a defect of ours, 2 bad input, 3 no solution, 4 too few data, 128 + n a
-signal.
-"""
+"""``optimize-posture``: the group of commands, its exit codes, and its error messages."""
 
 from __future__ import annotations
 
@@ -91,11 +86,7 @@ class PostureCommands(click.Group):
         return cast(click.Command, found)
 
     def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
-        """The command that the first word names.
-
-        Raises:
-            UsageError: no command has this name; the message has the nearest one.
-        """
+        """The command that the first word names."""
         if args and args[0] not in COMMANDS:
             near = nearest(args[0], COMMANDS)
             hint = f"Did you mean '{near}'?" if near else f"Commands: {', '.join(sorted(COMMANDS))}."
@@ -117,14 +108,7 @@ class PostureCommands(click.Group):
     def main(  # type: ignore[override] # it never returns, whatever the mode
         self, args: Sequence[str] | None = None, prog_name: str | None = None, **extra: Any
     ) -> NoReturn:
-        """Run the command line and end the program with one of the codes of the help text.
-
-        Standard streams that the caller closed are opened first, so that no file of a result gets their number. A
-        signal ends the program as ^C does, and what was begun is cleaned up.
-
-        Args:
-            args: the words after the name of the program; None: those of the process.
-        """
+        """Run the command line and end the program with one of the codes of the help text."""
         words = list(sys.argv[1:] if args is None else args)
         open_standard_streams()
         try:
@@ -136,7 +120,6 @@ class PostureCommands(click.Group):
         sys.exit(code)
 
     def _run(self, words: list[str], prog_name: str, extra: dict[str, Any]) -> int:
-        """As click's ``main``, whose own ideas of interrupts and closed pipes are left out."""
         extra.pop("standalone_mode", None)
         if asked := os.environ.get(VARIABLE):
             complete(self, asked)
@@ -151,21 +134,12 @@ class PostureCommands(click.Group):
 
 
 def _check_words(words: Sequence[str]) -> None:
-    """Refuse words whose bytes are no text: what Python makes of them can be neither printed nor written.
-
-    Raises:
-        InputError: each such word.
-    """
     wrong = [word for word in words if any("\ud800" <= c <= "\udfff" for c in word)]
     if wrong:
         raise InputError([Issue("the argument is not UTF-8", (word,), word, "write it as UTF-8") for word in wrong])
 
 
 def _report_error(error: BaseException, debug: bool, as_json: bool) -> int:
-    """The exit code of an error, which is reported on standard error where that takes anything.
-
-    Its document goes to standard output where JSON was asked for, unless that has the document of a solution already.
-    """
     solved = getattr(error, "solution", None) is not None
     try:
         if as_json and not solved and isinstance(error, PostureOptError | click.ClickException):
@@ -177,18 +151,12 @@ def _report_error(error: BaseException, debug: bool, as_json: bool) -> int:
 
 
 def _error_json(error: PostureOptError | click.ClickException) -> str:
-    """The document of an error, as JSON text."""
     if isinstance(error, click.ClickException):
         error = InputError(Issue(error.format_message(), id="input.usage"))
     return json.dumps(error.to_json(), indent=2, ensure_ascii=False)
 
 
 def _exit_code(error: BaseException, debug: bool) -> int:
-    """Report an error and return its exit code; the traceback under ``--debug`` alone.
-
-    2 for usage and memory, 2 to 4 for errors of this package by their class, 1 for anything else; a reader that closed
-    the pipe is no error. An error that is not of this package is called a defect of the program.
-    """
     if isinstance(error, KeyboardInterrupt):
         _print_error("interrupted")
         return exit_code_of(error)
@@ -216,20 +184,17 @@ def _exit_code(error: BaseException, debug: bool) -> int:
 
 
 def _unmapped(error: BaseException) -> bool:
-    """Whether there was no memory for a library that is loaded when it is needed."""
     while isinstance(error, ImportError) and "failed to map" not in str(error):
         error = error.__cause__ or error.__context__ or ValueError()
     return isinstance(error, ImportError)
 
 
 def _print_error(text: str) -> None:
-    """A line on standard error, nothing for an empty text."""
     if text:
         click.echo(text, err=True)
 
 
 def _error_text(error: PostureOptError) -> str:
-    """An error of ours as text: one line, or a count and a line for each issue."""
     lines = str(error).splitlines() or [type(error).__name__]
     if len(lines) == 1:
         return f"error: {lines[0]}"

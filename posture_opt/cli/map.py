@@ -1,7 +1,4 @@
-"""``optimize-posture map``: the best posture and its spread, or the arm's accuracy, over a grid of targets.
-
-A checkpoint belongs to one request: problem, quantity, data, grid and seed.
-"""
+"""``optimize-posture map``: the best posture and its spread, or the arm's accuracy, over a grid of targets."""
 
 from __future__ import annotations
 
@@ -72,7 +69,6 @@ def _mapped(
     """The map that is asked for: of the task's spread, or of the arm's accuracy.
 
     Args:
-        quantity: ``spread`` or ``accuracy``; ``data`` measurements to compare the latter with.
         where: counts, corners [m], plane, seed and executor, as `map_targets` takes them.
     """
     measured = None if data is None else po.read_measurements(data, problem)
@@ -83,11 +79,7 @@ def _mapped(
 
 
 def _where(grid: str | None, low: str | None, high: str | None) -> dict[str, Any]:
-    """Counts and corners [m] as the options state them; everything wrong with them at once.
-
-    Raises:
-        InputError: no grid, or corners without three lengths.
-    """
+    """Counts and corners [m] as the options state them; everything wrong with them at once."""
     issues: list[Issue] = []
     where = {
         "counts": _counts(grid, issues),
@@ -100,10 +92,6 @@ def _where(grid: str | None, low: str | None, high: str | None) -> dict[str, Any
 
 
 def _counts(text: str | None, issues: list[Issue]) -> tuple[int, ...] | None:
-    """The targets along each side of ``15x15``; what is wrong with it is added to ``issues``.
-
-    ``x``, ``X``, ``×``, ``*`` and commas separate the numbers; whether they make a grid is checked later.
-    """
     if text is None:
         return None
     parts = [part.strip() for part in re.split(r"[xX×*,]", text)]

@@ -1,8 +1,4 @@
-"""``optimize-posture calibrate`` and ``diagnose``: what measurements of one robot, or of several, say.
-
-Data with a column of robots go to the functions for a batch, all others to those for one robot. Without a problem file
-one is made for the data, with base and tool free, and written for editing.
-"""
+"""``optimize-posture calibrate`` and ``diagnose``: what measurements of one robot, or of several, say."""
 
 from __future__ import annotations
 
@@ -35,15 +31,7 @@ OfBatch: TypeAlias = "Callable[[Problem, po.Measurements], Result]"
 
 @dataclass(frozen=True)
 class Session:
-    """The measurements that are asked about, and how errors are predicted.
-
-    Args:
-        data: of the robot; ``test`` those of another session, predicted and not fitted.
-        refit_frames: whether base and tool are fitted to the test file again.
-        by: what cross-validation holds out together, in ``folds`` parts.
-        plan: whether the task is planned again with the identified arm.
-        columns: known name -> column header or number of a foreign file.
-    """
+    """The measurements that are asked about, and how errors are predicted."""
 
     data: Path
     test: Path | None
@@ -104,15 +92,7 @@ def measured_options(command: Command) -> Command:
 
 
 def answer(common: Common, session: Session, given: dict[str, str | None], of_one: OfOne, of_batch: OfBatch) -> None:
-    """Reads the measurements and shows what they say, those of one robot or those of several.
-
-    Args:
-        given: the options that name problem and robot, by their names.
-        of_one: what is computed for one robot; ``of_batch`` for several.
-
-    Raises:
-        UsageError: ``--refit-frames`` without a test file, or a test file with several robots.
-    """
+    """Reads the measurements and shows what they say, those of one robot or those of several."""
     if session.refit_frames and session.test is None:
         raise click.UsageError("--refit-frames goes with --test.")
     made = given["problem"] is None and given["robot"] is not None and not deferred.names_problem_file(given["robot"])
@@ -136,25 +116,17 @@ def answer(common: Common, session: Session, given: dict[str, str | None], of_on
 
 
 def _read(common: Common, path: Path, problem: po.Problem) -> po.Measurements:
-    """The measurements of a file; very many rows take a while."""
     with progress_bar(common, f"reading {path.name}"):
         return po.read_measurements(path, problem)
 
 
 def _without_problem(given: dict[str, str | None]) -> dict[str, Any]:
-    """The options but ``--problem``."""
     return {key: value for key, value in given.items() if key != "problem"}
 
 
 @dataclass(frozen=True)
 class StarterFile:
-    """The problem file that was made for measurements without one.
-
-    Args:
-        beside: by file name, with the results in ``--out``.
-        alone: its path in the working folder, where no folder is given; written where the report is printed.
-        text: of that file.
-    """
+    """The problem file that was made for measurements without one."""
 
     beside: Mapping[str, bytes] = field(default_factory=dict)
     alone: Path | None = None
@@ -162,11 +134,7 @@ class StarterFile:
 
     @classmethod
     def of(cls, common: Common, data: Path, problem: Problem) -> StarterFile:
-        """The file, not written yet.
-
-        Raises:
-            InputError: the folder for results has another one, which somebody may have edited.
-        """
+        """The file, not written yet."""
         if common.out is None:
             return cls(alone=Path(f"{data.stem}_problem.yaml"), text=problem.to_yaml())
         files = problem.files("problem")
@@ -203,7 +171,6 @@ def calibrate_command(common: Common, session: Session, no_priors: bool, **given
 
 
 def _calibrated_batch(common: Common, session: Session, problem: po.Problem, data: po.Measurements) -> Result:
-    """Calibrate several robots of one type with a progress bar, one step a robot."""
     with progress_bar(common, "calibrating robots") as progress:
         return po.calibrate_batch(
             problem, data, folds=session.folds, by=session.by, progress=progress, **session.most_rows
@@ -218,7 +185,6 @@ def _calibrated(
     measured: po.Measurements,
     other: po.Measurements | None,
 ) -> Result:
-    """Calibrate one robot with a progress bar."""
     with progress_bar(common, "calibrating") as progress:
         return po.calibrate(
             problem, measured, priors=priors, folds=session.folds, by=session.by, test=other,
@@ -239,7 +205,6 @@ def diagnose_command(common: Common, session: Session, with_time: bool, **given:
 
 
 def _diagnosed_batch(common: Common, session: Session, problem: po.Problem, data: po.Measurements) -> Result:
-    """Diagnose several robots of one type with a progress bar."""
     with progress_bar(common, "diagnosing robots") as progress:
         return po.diagnose_batch(
             problem, data, folds=session.folds, by=session.by, seed=common.seed, progress=progress,
@@ -255,11 +220,6 @@ def _diagnosed(
     measured: po.Measurements,
     other: po.Measurements | None,
 ) -> Result:
-    """Diagnose one robot with a progress bar; data that do not suffice are reported as a verdict, too.
-
-    Raises:
-        InsufficientDataError: what to measure is in its message.
-    """
     try:
         with progress_bar(common, "diagnosing") as progress:
             return po.diagnose(

@@ -1,7 +1,4 @@
-"""``optimize-posture plan-measurements``: which postures to measure next.
-
-The corners of ``--min`` and ``--max`` bound the nominal tool point in the world frame [m].
-"""
+"""``optimize-posture plan-measurements``: which postures to measure next."""
 
 from __future__ import annotations
 
@@ -80,16 +77,7 @@ def plan_measurements_command(
 
 
 def _box(low: str | None, high: str | None) -> Box | None:
-    """The corners [m], world frame, of where the tool point may go.
-
-    One corner alone bounds one side, the other is infinite; None where neither is given.
-
-    Args:
-        low: text of ``--min``; ``high`` of ``--max``.
-
-    Raises:
-        InputError: a corner without three lengths, or an empty box.
-    """
+    """The corners [m], world frame, of where the tool point may go."""
     issues: list[Issue] = []
     corners = deferred.corner("--min", low, issues), deferred.corner("--max", high, issues)
     lower, upper = corners[0] or (-math.inf,) * 3, corners[1] or (math.inf,) * 3

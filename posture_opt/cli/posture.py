@@ -1,7 +1,4 @@
-"""Commands on one posture: the solve itself, ``uncertainty`` and ``simulate``.
-
-Each reads a problem and a posture, computes, saves into ``--out`` and prints one report.
-"""
+"""Commands on one posture: the solve itself, ``uncertainty`` and ``simulate``."""
 
 from __future__ import annotations
 
@@ -21,19 +18,7 @@ if TYPE_CHECKING:
 
 
 def solve(common: Common, explain: bool, **given: str | None) -> None:
-    """Select the posture of the requested problem, write the files, print the report.
-
-    A problem without a solution has files and a report too: the nearest posture, and what it violates. The error is
-    raised after both are written.
-
-    Args:
-        explain: print the optimisation problem with its values at the solution.
-        given: the options of problem, robot and task, by their names.
-
-    Raises:
-        NoSolutionError: no posture meets all requirements; exit code 3.
-        InputError: the options or the file do not fit.
-    """
+    """Select the posture of the requested problem, write the files, print the report."""
     if given["robot"] and not given["task"]:
         raise click.UsageError("Name the --task of the robot, for example --task insert.")
     problem = deferred.requested_problem(**given)
@@ -46,7 +31,6 @@ def solve(common: Common, explain: bool, **given: str | None) -> None:
 
 
 def _solved(problem: Problem, common: Common) -> tuple[po.Solution, NoSolutionError | None]:
-    """The solution, or the nearest posture with the reason why it is none."""
     with progress_bar(common, "searching") as progress, deferred.placed(problem):
         try:
             return po.select_posture(problem, seed=common.seed, workers=common.workers, progress=progress), None
@@ -57,7 +41,6 @@ def _solved(problem: Problem, common: Common) -> tuple[po.Solution, NoSolutionEr
 
 
 def _text(solution: po.Solution, explain: bool, full: bool) -> str:
-    """The report, with the optimisation problem behind it where that is asked for."""
     text = solution.report(full=full)
     return f"{text}\n{solution.explain()}" if explain else text
 

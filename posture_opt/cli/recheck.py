@@ -1,7 +1,4 @@
-"""``optimize-posture recheck``: what changed on a calibrated arm since its file was made.
-
-The command reads, computes, saves and prints; the mathematics is in ``posture_opt.changes``.
-"""
+"""``optimize-posture recheck``: what changed on a calibrated arm since its file was made."""
 
 from __future__ import annotations
 
@@ -51,7 +48,6 @@ def recheck_command(common: Common, data: Path, update: bool, **given: str | Non
 
 
 def _said(found: po.Recheck, out: Path | None) -> str:
-    """What became of ``--update``."""
     if found.updated is None:
         return "rechecked.yaml was not written: no single change is named."
     return f"{Path('rechecked.yaml') if out is None else out / 'rechecked.yaml'} is the file with only that changed."

@@ -22,7 +22,6 @@ class ProgramRequest:
     """What is asked of a robot program.
 
     Args:
-        kind: its language, as ``--to`` of ``export`` names it; None: no program.
         motion: speed in percent of what the language takes for full, wait at every stop [s], and approach [m].
     """
 
@@ -30,12 +29,7 @@ class ProgramRequest:
     motion: Mapping[str, float | None]
 
     def files(self, common: Common, name: str, program: Callable[..., RobotProgram]) -> dict[str, bytes]:
-        """The program of ``program(speed=…, wait=…)`` by file name; nothing where none is asked for.
-
-        Raises:
-            UsageError: a program without a folder.
-            InputError: the language cannot say it.
-        """
+        """The program of ``program(speed=…, wait=…)`` by file name; nothing where none is asked for."""
         if self.kind is None:
             return {}
         if common.out is None:
@@ -77,7 +71,6 @@ def program_options(wait: float, touching: bool = False) -> Callable[[Command], 
 
     Args:
         wait: default at every stop [s].
-        touching: whether the stops may touch something.
     """
 
     def added(command: Command) -> Command:

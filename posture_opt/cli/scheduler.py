@@ -45,11 +45,7 @@ def checkpoint_option(command: Command) -> Command:
 
 @contextmanager
 def working(common: Common, scheduler: str | None, checkpoint: Path | None = None, **asked: Json) -> Iterator[Workers]:
-    """The workers that the options name, which end with the block.
-
-    Args:
-        asked: all that the answer depends on, as JSON has it.
-    """
+    """The workers that the options name, which end with the block."""
     with opened(common.workers) if scheduler is None else scheduled(scheduler, common.workers) as workers:
         if checkpoint is None:
             yield workers
@@ -59,20 +55,13 @@ def working(common: Common, scheduler: str | None, checkpoint: Path | None = Non
 
 
 def digest_of(problem: Problem) -> str:
-    """Hash of all that a problem says, also in the files that it names; 16 hexadecimal digits of SHA-256.
-
-    A checkpoint of another problem has another digest and is refused.
-    """
+    """Hash of all that a problem says, also in the files that it names; 16 hexadecimal digits of SHA-256."""
     whole = {"file": problem.to_yaml(), "robot": asdict(problem.robot), "covariance": problem.sources.covariance}
     return hashlib.sha256(json.dumps(whole, default=_plain).encode()).hexdigest()[:16]
 
 
 def digest_of_file(path: Path | None) -> str | None:
-    """Name of a file and hash of its content; None without a file.
-
-    Raises:
-        InputError: the file cannot be read.
-    """
+    """Name of a file and hash of its content; None without a file."""
     if path is None:
         return None
     try:
@@ -86,6 +75,5 @@ def digest_of_file(path: Path | None) -> str | None:
 
 
 def _plain(value: object) -> Json:
-    """An array as nested lists, anything else that JSON does not know as text."""
     tolist: Callable[[], Json] | None = getattr(value, "tolist", None)  # NumPy is not loaded for one name
     return str(value) if tolist is None else tolist()

@@ -19,11 +19,7 @@ _INTERRUPT_EXIT_CODE = 130  # what a shell reports of a program that ^C ended
 
 
 class Ended(KeyboardInterrupt):
-    """Another program, or the terminal that closes, asks this one to end.
-
-    Args:
-        number: of the signal.
-    """
+    """Another program, or the terminal that closes, asks this one to end."""
 
     def __init__(self, number: int) -> None:
         super().__init__(signal.Signals(number).name)
@@ -32,11 +28,7 @@ class Ended(KeyboardInterrupt):
 
 @contextmanager
 def ended_by_signals() -> Iterator[None]:
-    """SIGTERM and SIGHUP end the body as ^C does: what it began is cleaned up.
-
-    Under ``nohup`` SIGHUP stays ignored, as does a signal that the caller handles already. In another thread than the
-    main one signals cannot be handled, and nothing is changed.
-    """
+    """SIGTERM and SIGHUP end the body as ^C does: what it began is cleaned up."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -62,10 +54,7 @@ def exit_code_of(interrupt: KeyboardInterrupt) -> int:
 
 
 def open_standard_streams() -> None:
-    """Opens what the caller closed, so that no file of ours gets its number: writing to it fails, and says so.
-
-    A terminal without σ or ° shows a question mark in its place instead of ending the program.
-    """
+    """Opens what the caller closed, so that no file of ours gets its number: writing to it fails, and says so."""
     for number in range(3):
         try:
             os.fstat(number)
@@ -79,7 +68,6 @@ def open_standard_streams() -> None:
 
 
 def _writable(stream: TextIO | None, number: int) -> TextIO:
-    """A stream that takes text, also where the caller closed it or left it without a buffer."""
     if stream is None:
         return os.fdopen(number, "w", encoding="utf-8", closefd=False)
     if isinstance(getattr(stream, "buffer", None), io.RawIOBase):  # PYTHONUNBUFFERED: half a write would pass for all
@@ -88,10 +76,7 @@ def _writable(stream: TextIO | None, number: int) -> TextIO:
 
 
 def output_fault(error: OSError) -> tuple[int, str]:
-    """The exit code for what the system refused, and a message.
-
-    A reader that closed the pipe is no error: code 0 without a message. All else is code 2 with file and reason.
-    """
+    """The exit code for what the system refused, and a message."""
     if isinstance(error, BrokenPipeError):
         return 0, ""
     reason = "it is closed" if error.errno == errno.EBADF else error.strerror or str(error)

@@ -1,8 +1,4 @@
-"""``Answers``: the loop of solving, which never keeps the page waiting.
-
-One thread solves, the newest request wins. While the target moves, a few local searches start from the last answer;
-once it rests, the full search of `select_posture` decides, and is stopped when the target moves on.
-"""
+"""``Answers``: the loop of solving, which never keeps the page waiting."""
 
 from __future__ import annotations
 
@@ -36,17 +32,7 @@ class Request:
 
 @dataclass(frozen=True)
 class Answer:
-    """What there is to show for one request.
-
-    Args:
-        request: what was asked.
-        solution: None where nothing is feasible, or nothing is known yet.
-        reason: why there is none, or no full search, in words; else empty.
-        nearest: the infeasible result, where the full search has looked for it.
-        whole: whether the full search gave it: what the command line says of this problem.
-        gain: share of σ that the full search is below what followed the target; 0 where it is the same optimum.
-        own: the spread at a posture of the user's own; None where the best one is asked for.
-    """
+    """What there is to show for one request."""
 
     request: Request
     solution: Solution | None = None
@@ -58,11 +44,7 @@ class Answer:
 
 
 class Answers:
-    """Solves what was asked last.
-
-    Args:
-        show: called with every answer, from the thread that solves.
-    """
+    """Solves what was asked last."""
 
     def __init__(self, show: Callable[[Answer], None]) -> None:
         self._show = show
@@ -102,7 +84,6 @@ class Answers:
                 self._show(Answer(request, reason=str(defect(error))))
 
     def _answer(self, request: Request) -> None:
-        """Show what answers a request: at once from the last answer, and of the full search once the target rests."""
         if request.q is not None:
             self._show(self._at(request, request.q))
             return
@@ -115,19 +96,16 @@ class Answers:
                 self._show(whole)
 
     def _next(self) -> Request | None:
-        """What was asked last, once something is; None at the end."""
         with self._changed:
             self._changed.wait_for(lambda: self._ended or self._asked is not None)
             request, self._asked = self._asked, None
             return None if self._ended else request
 
     def _rests(self) -> bool:
-        """Whether nothing else is asked for a while."""
         with self._changed:
             return not self._changed.wait_for(lambda: self._ended or self._asked is not None, timeout=RESTS_S)
 
     def _at(self, request: Request, q: tuple[float, ...]) -> Answer:
-        """The spread at a posture of the user's own, beside the best one that is known."""
         try:
             return Answer(request, self._best, own=propagate(request.problem, q))
         except PostureOptError as error:
@@ -146,7 +124,6 @@ class Answers:
         return Answer(request, self._best)
 
     def _whole(self, quick: Answer) -> Answer | None:
-        """The answer of the full search; None where it was stopped."""
         found = self._search.call(select_posture, quick.request.problem)
         if found is None:
             return None

@@ -19,12 +19,7 @@ OPACITY: dict[Role, float] = {"obstacle": 0.55, "floor": 0.6, "region": 0.5}
 
 
 def rgb(colour: str) -> tuple[int, int, int]:
-    """``#RRGGBB`` as three numbers.
-
-    Example:
-        >>> rgb("#0072B2")
-        (0, 114, 178)
-    """
+    """``#RRGGBB`` as three numbers."""
     red, green, blue = (int(colour[k : k + 2], 16) for k in (1, 3, 5))
     return red, green, blue
 
@@ -91,7 +86,6 @@ def wxyz(R: Array) -> Array:
 
 
 def _outward(mesh: Triangles) -> Triangles:
-    """The same convex surface with corners that run counterclockwise as seen from outside."""
     a, b, c = (mesh.corners[mesh.faces[:, k]] for k in range(3))
     inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), a - mesh.corners.mean(axis=0)) < 0
     return Triangles(mesh.corners, np.where(inward[:, None], mesh.faces[:, [0, 2, 1]], mesh.faces), mesh.owner)

@@ -35,19 +35,7 @@ _TARGET = "target"
 
 
 class Explorer:
-    """A live page, and what it shows.
-
-    ``target`` can be set, and the page follows; ``solution`` is the latest answer.
-
-    Args:
-        problem: with a task.
-        host, port: where the page is served; the next free port is taken.
-        folder: where "Save problem" writes to.
-        data: measurements whose errors are shown.
-
-    Raises:
-        InputError: no task, viser is missing, or the page cannot be served.
-    """
+    """A live page, and what it shows."""
 
     def __init__(
         self, problem: Problem, host: str = "127.0.0.1", port: int = DEFAULT_PORT, folder: Path | None = None,
@@ -169,7 +157,6 @@ class Explorer:
             self._scene.place_handle(place)
 
     def _tried(self, place: Array) -> bool:
-        """Have a target solved that somebody put there; one that no problem can have is refused, in words."""
         try:
             self._ask(place)
         except InputError as error:
@@ -188,19 +175,13 @@ class Explorer:
         )  # fmt: skip
 
     def _ask(self, place: Array) -> None:
-        """Have the target solved, in tenths of a millimetre: what a file says of it is what was solved."""
         problem = self._replaced(_TARGET, {"task__position": millimetres(place)})
         with self._guard:
             self._target = np.array(position_of(problem))
         self._put(Request(problem))
 
     def change(self, group: str, values: dict[str, Plain]) -> bool:
-        """Have the same target solved with other values at some keys of the problem file; False where they do not fit.
-
-        Args:
-            group: of keys; what was changed of it before is as stated again.
-            values: key -> value as `Problem.replace` takes them.
-        """
+        """Have the same target solved with other values at some keys of the problem file."""
         try:
             problem = self._replaced(group, values)
         except InputError as error:
@@ -215,11 +196,6 @@ class Explorer:
         return True
 
     def _replaced(self, group: str, values: dict[str, Plain]) -> Problem:
-        """What is asked from now on.
-
-        Raises:
-            InputError: the values do not fit; nothing else is asked then.
-        """
         with self._guard:
             changes = {**self._changes, group: values}
             every = {key: value for part in changes.values() for key, value in part.items()}
@@ -237,7 +213,6 @@ class Explorer:
         self._answers.ask(request)
 
     def _answered(self, answer: Answer) -> None:
-        """Show an answer, unless something else is asked by now."""
         with self._guard:
             late = answer.request is not self._request
             if self._closed.is_set() or (late and not has_stations(answer.request.problem)):
@@ -248,7 +223,6 @@ class Explorer:
         self.show(answer)
 
     def _place_freely(self, answer: Answer) -> None:
-        """The handle where the tool point is, as long as the task asks for no place."""
         found = answer.solution
         if found is not None and not found.points and position_of(answer.request.problem) is None:
             with self._guard:
@@ -262,12 +236,10 @@ class Explorer:
         self._panel.show(answer)
 
     def _redraw(self) -> None:
-        """The latest answer once more, with the layers that are asked for now."""
         if self._shown is not None:
             self._draw(self._shown)
 
     def _draw(self, answer: Answer) -> None:
-        """Show an answer in the scene: from the thread that solves, or from that of a checkbox."""
         with self._drawing:
             self._drawn(answer)
 
@@ -288,18 +260,7 @@ def explore(
     problem: Problem, *, host: str = "127.0.0.1", port: int = DEFAULT_PORT, browser: bool = True,
     data: Measurements | None = None,
 ) -> Explorer:  # fmt: skip
-    """A live page of a problem: drag the target, and the best posture follows.
-
-    Args:
-        problem: with a task.
-        host: an address of this machine.
-        port: the next free one is taken.
-        browser: whether a browser is opened.
-        data: measurements whose errors are shown.
-
-    Raises:
-        InputError: as `Explorer`.
-    """
+    """A live page of a problem: drag the target, and the best posture follows."""
     page = Explorer(problem, host, port, data=data)
     if browser:
         webbrowser.open_new_tab(page.url)

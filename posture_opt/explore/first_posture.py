@@ -15,10 +15,7 @@ _NEAREST = 50  # of which those that are clear of the cell are preferred
 
 
 def posture_near(problem: Problem, place: Sequence[float] | None) -> Array:
-    """A posture (n,) [rad or m] whose tool point is near a place [m]: of random ones the nearest that is clear.
-
-    Without a place, near the middle of all that the tool point reaches in front, where x is not negative.
-    """
+    """A posture (n,) [rad or m] whose tool point is near a place [m]: of random ones the nearest that is clear."""
     robot = problem.robot
     low, high = drawn_between(robot)
     Q = np.random.default_rng(0).uniform(low, high, (_POSTURES, robot.n))

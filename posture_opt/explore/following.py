@@ -1,9 +1,4 @@
-"""``Following``: the selectors that follow the target, interpreted until their functions are compiled.
-
-Compiling takes seconds, and a minute on a busy machine. It is done once, in another process, and what it leaves in the
-cache is taken as soon as it is there; the interpreted functions give the same answers until then, about ten times
-slower.
-"""
+"""``Following``: the selectors that follow the target, interpreted until their functions are compiled."""
 
 from __future__ import annotations
 
@@ -37,11 +32,7 @@ class Following:
         self._first = True
 
     def solve(self, problem: Problem, known: Array | None) -> Solution:
-        """The best posture that a few searches find, one from a ``known`` posture (n,) [rad or m].
-
-        Raises:
-            PostureOptError: as `PostureSelector.solve`.
-        """
+        """The best posture that a few searches find, one from a ``known`` posture (n,) [rad or m]."""
         self._follow(problem)
         # For every position of a slider it would not pay.
         if (self._first or self._count > 1) and not self.compiling and self._tried < _TRIES:
@@ -66,7 +57,6 @@ class Following:
         self._process.stop()
 
     def _follow(self, problem: Problem) -> None:
-        """Drop the selectors of another arm, cell or task."""
         key = all_but_position(problem)
         if key != self._key:
             self._first = self._key is None
@@ -76,11 +66,7 @@ class Following:
 
 
 def compiled(problem: Problem) -> None:
-    """Compiles into the cache what the search for a problem calls.
-
-    Raises:
-        PostureOptError: as `PostureSelector.solve`; everything is compiled then too.
-    """
+    """Compiles into the cache what the search for a problem calls."""
     _solved(_selector(problem, None), problem, None)
 
 

@@ -1,9 +1,4 @@
-"""``Gate``: who may open the page, and what the page says where it cannot be drawn or answered.
-
-Every request, also the one that opens the web socket, passes it before viser answers. A page of another site that the
-same browser shows cannot reach it: such a request names its own site as its origin, and a host name that was pointed at
-this machine is not the one that the page is served at (RFC 6455, section 10.2).
-"""
+"""``Gate``: who may open the page, and what the page says where it cannot be drawn or answered."""
 
 from __future__ import annotations
 
@@ -50,12 +45,7 @@ _serving = Lock()
 
 
 class Gate:
-    """Lets requests through that come from the page itself and, where there is a token, know it.
-
-    Args:
-        token: that the address begins with; empty where only this machine can reach the page.
-        title: of the page.
-    """
+    """Lets requests through that come from the page itself and, where there is a token, know it."""
 
     def __init__(self, token: str, title: str) -> None:
         self.token: str = token
@@ -65,10 +55,7 @@ class Gate:
 
     @contextmanager
     def before(self) -> Iterator[None]:
-        """Stands before the server that is started meanwhile; ``closed`` says whether it does.
-
-        viser has no hook for it. Its server is one of the library websockets, which asks ``process_request`` first.
-        """
+        """Stands before the server that is started meanwhile; ``closed`` says whether it does."""
         with _serving:
             library = import_module("websockets.asyncio.server")
             serve = library.serve
@@ -108,21 +95,18 @@ class Gate:
         return asked
 
     def _path(self, path: str) -> str | None:
-        """The path behind the token; None where there is another one."""
         if not self.token:
             return path
         first, _, rest = path.removeprefix("/").partition("/")
         return f"/{rest}" if secrets.compare_digest(first.encode(), self.token.encode()) else None
 
     def _from_here(self, headers: Any) -> bool:
-        """Whether a request comes from the page that is served here, or from no page at all."""
         host, origin = headers.get("Host", ""), headers.get("Origin")
         if origin is not None and urlsplit(origin).netloc != host:
             return False
         return bool(self.token) or is_this_machine(urlsplit(f"//{host}").hostname or "")
 
     def _with_script(self, found: Any) -> bytes:
-        """The page with its title, and what it says where it is not drawn or nobody answers; compressed once."""
         if self._page is None:
             zipped = found.headers.get("Content-Encoding") == "gzip"
             page = gzip.decompress(found.body) if zipped else found.body

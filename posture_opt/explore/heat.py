@@ -23,7 +23,6 @@ class Heat:
         origin: (3,) [m], world; ``axes`` (2, 3) unit vectors e1 and e2.
         values: of u and of v [m], evenly spaced.
         sigma: (v, u) [m]; NaN where nothing is feasible.
-        what: that is at these places.
     """
 
     origin: Array
@@ -62,13 +61,7 @@ def heat_of(problem: Problem, count: int, progress: Progress) -> Heat:
     """The spread over the targets about the one of a task; of features over the placements of their workpiece.
 
     Args:
-        problem: what is asked.
-        count: targets along each side.
         progress: called with (done, total) steps.
-
-    Raises:
-        InputError: features whose workpiece is not free along two axes; what `map_targets` refuses.
-        NoSolutionError: nothing is feasible anywhere.
     """
     if _has_features(problem):
         return _of_placements(problem)

@@ -22,8 +22,6 @@ class LiveCell:
     """What stands around the arm.
 
     Args:
-        server: of the page.
-        geometry: of the first answer: what is near that arm is drawn.
         moved: called with the place (3,) [m] that the chosen obstacle is dragged to.
     """
 

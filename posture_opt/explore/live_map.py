@@ -33,8 +33,6 @@ class LiveMap:
     """The map, its button and its progress.
 
     Args:
-        server: of the page; the controls are put where its panel is at the moment.
-        asked: what is asked at the moment.
         moved: called with the place (3,) [m] that the target is to be at.
     """
 
@@ -67,7 +65,6 @@ class LiveMap:
         self._there.visible = self._off.visible = self._bar.visible = False
 
     def _stop(self) -> None:
-        """Compute no finer map than the one that is shown."""
         self._wanted.clear()
         self._process.stop_if_busy()
 

@@ -1,8 +1,4 @@
-"""``LiveScene``: the arm at the answer, its error region, the target with its play, and the cell, on the page.
-
-The solids move with their frames: a new posture sends one pose a frame. What has another shape in every posture, the
-error region, is sent again.
-"""
+"""``LiveScene``: the arm at the answer, its error region, the target with its play, and the cell, on the page."""
 
 from __future__ import annotations
 
@@ -67,10 +63,6 @@ class LiveScene:
     """What a page shows of one arm and its cell.
 
     Args:
-        server: of the page.
-        geometry: of the first answer; what stands still is drawn from it.
-        arm: its solids.
-        moved: called while the target is dragged; ``obstacle_moved`` while an obstacle is.
         places: (k, 3) where the tool point goes, or was [m]: to be seen at first.
     """
 
@@ -111,7 +103,6 @@ class LiveScene:
         self._show(spread, None, layers)
 
     def _show(self, spread: Spread, target: TargetGeometry | None, layers: Layers) -> None:
-        """What follows a posture; the enlargement is that of the arm as it stood at first, and so does not flicker."""
         region = ErrorRegion.of(spread, enlargement(float(spread.region(0.95)[-1]), self._extent))
         with self._server.atomic():
             self._pose(self._arm.frames(spread.q))
@@ -136,7 +127,6 @@ class LiveScene:
         self._server.flush()
 
     def _lay_over(self, spread: Spread, factor: float, layers: Layers) -> None:
-        """The cloud and the region of first order, on the scale of the error region and about its middle."""
         scene, middle = self._server.scene, spread.position + spread.bias
         if layers.cloud:
             points = middle + factor * (cloud_of(spread, _DRAWS, 0).points - middle)
@@ -158,12 +148,10 @@ class LiveScene:
             body.opacity = None if opacity == 1.0 else opacity
 
     def _pose(self, frames: Array) -> None:
-        """The solids where their frames (n + 2, 4, 4) are."""
         for node, T in zip(self._frames, frames, strict=True):
             node.wxyz, node.position = wxyz(T[:3, :3]), T[:3, 3]
 
     def _region(self, region: ErrorRegion) -> None:
-        """The error region, and how much it is enlarged."""
         mesh = Triangles.of([region.faces()])
         add_mesh(self._server, "/answer/region", mesh, COLOURS["region"], OPACITY["region"])
         text, place = region.label, region.center + _LABEL_SHARE * self._extent * self._down
@@ -174,7 +162,6 @@ class LiveScene:
         self._label.text, self._label.position = text, tuple(place)
 
     def _target(self, target: TargetGeometry, region: ErrorRegion, tool_point: Array) -> None:
-        """The direction of the task and the rim of the hole with its label, enlarged as the region is."""
         scene, place, shaft = self._server.scene, tool_point if target.kind != "point" else target.lower, arrow()
         corners = place + self._extent * ARROW_SHARE * (shaft.corners - [0, 0, 1.0]) @ frame_along(target.direction).T
         arrow_mesh = Triangles(corners, shaft.faces, shaft.owner)

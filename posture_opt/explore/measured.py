@@ -32,8 +32,6 @@ class Measured:
     """The measurements, their errors and the effects of the model.
 
     Args:
-        server: of the page; the controls are put where its panel is at the moment.
-        asked: the problem that is asked at the moment.
         extent: of the arm [m].
         turned: called with the posture (n,) [rad or m] of a row that is to be shown.
     """
@@ -101,7 +99,6 @@ class Measured:
         self.compute()
 
     def _mark(self) -> None:
-        """The causes that are switched on, by their names at their joints."""
         joints = {joint.name: joint for joint in ArmSolids(self._asked().robot).joints}
         for i, (effect, cause) in enumerate(zip(self._effects, self._causes, strict=True)):
             if effect.get("joint") in joints:
@@ -150,7 +147,6 @@ class Measured:
                 self._row_words.content = self._of_row()
 
     def _draw(self) -> None:
-        """The errors at the tool points of their rows."""
         data, errors = self._data, self._errors
         if data is None or errors is None:
             return
@@ -160,7 +156,6 @@ class Measured:
         self._scale.label = f"Arrows {marks.factor:.3g} times, log10"
 
     def _of_row(self) -> str:
-        """The error of the chosen row, in words."""
         data, errors = self._data, self._errors
         if data is None or errors is None:
             return ""
@@ -178,7 +173,6 @@ class Measured:
 
 
 def _named(effect: dict[str, Any]) -> str:
-    """An effect by its kind and what it is of."""
     of = next((str(effect[key]) for key in ("joint", "gear", "link", "length") if key in effect), "")
     return f"{str(effect['kind']).replace('_', ' ')} {of}".strip()
 

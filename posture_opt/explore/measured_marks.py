@@ -31,7 +31,6 @@ class Marks:
     """An arrow from the model to what was measured where the error is a vector in space, else a coloured point.
 
     Args:
-        problem: whose arm it is.
         data: N rows; ``errors`` (N, 3) [m], and (N,) which of them count.
         values: (N,) that are shown in colours.
         extent: of the arm [m]; ``scale`` of the arrows about the round factor.

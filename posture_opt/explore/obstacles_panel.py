@@ -30,8 +30,6 @@ _NEW_SIZE = "150 mm"
 
 @dataclass(frozen=True)
 class _Entry:
-    """One key of an obstacle that holds a length or an angle, or three of them."""
-
     key: str
     value: Any
     scale: float
@@ -53,8 +51,6 @@ class ObstaclesPanel:
     """The controls of the obstacles.
 
     Args:
-        gui: inside the folder that they are in.
-        changed: called with key -> value of the problem file; returns whether they fit.
         chosen: called with the place (3,) [m] of the obstacle that was chosen; None for none, or one without a place.
         near: (3,) where a new obstacle is put [m], world.
     """
@@ -95,7 +91,6 @@ class ObstaclesPanel:
         return [str(entry["name"]) for entry in self._entries]
 
     def _choose(self) -> None:
-        """The fields of the chosen obstacle in place of those of the last one."""
         for _, field in self._fields.values():
             field.remove()
         self._fields = {}
@@ -131,7 +126,6 @@ class ObstaclesPanel:
         self._send(entries)
 
     def _send(self, entries: list[Section]) -> bool:
-        """Asks for other obstacles; those that do not fit change nothing."""
         fit = self._changed({"cell__obstacles": entries})
         if fit:
             self._entries = entries
@@ -165,7 +159,6 @@ class ObstaclesPanel:
 
 
 def _entries(problem: Problem, number: int) -> Iterator[_Entry]:
-    """The lengths and angles of an obstacle, by their dimension in the schema."""
     assert problem.cell is not None
     obstacle: Obstacle = problem.cell.obstacles[number]
     document = {**problem.to_dict()}

@@ -1,8 +1,4 @@
-"""``OtherProcess``: what takes long is computed in a process of its own that can be stopped at any moment.
-
-It must not slow down the loop that follows the mouse, and where nothing is feasible the full search looks for reasons
-for seconds. IPOPT's linear solver is not thread-safe, so a second thread is no way.
-"""
+"""``OtherProcess``: what takes long is computed in a process of its own that can be stopped at any moment."""
 
 from __future__ import annotations
 
@@ -36,10 +32,7 @@ class OtherProcess:
     def call(self, function: Callable[..., Any], *given: Any, progress: Progress | None = None) -> Any:
         """What ``function(*given)`` returns, or the `PostureOptError` that it raises; None where it was stopped.
 
-        Where the process ends by itself, of short memory or by somebody's hand, another one begins anew, once.
-
         Args:
-            function: that a module has by name; ``given`` what can be pickled.
             progress: called with (done, most); the function takes what calls it as its last argument then.
         """
         self._stopped = False
@@ -56,11 +49,6 @@ class OtherProcess:
             self._began = None
 
     def _called(self, function: Callable[..., Any], given: tuple[Any, ...], progress: Progress | None) -> Any:
-        """The answer of the process.
-
-        Raises:
-            OSError, EOFError: it ended.
-        """
         with self._guard:
             if self._stopped:
                 raise EOFError
@@ -97,7 +85,6 @@ class OtherProcess:
 
 
 def _started() -> subprocess.Popen[bytes]:
-    """A process that `serve`s: it finds what this one can import, and nothing else in the folder that it starts in."""
     command = [sys.executable, "-P", "-c", "from posture_opt.explore.other_process import serve; serve()"]
     paths = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     pipe = subprocess.PIPE
@@ -142,11 +129,6 @@ def _send(stream: IO[bytes], message: object) -> None:
 
 
 def _receive(stream: IO[bytes]) -> Any:
-    """The next message of a process of our own.
-
-    Raises:
-        EOFError: the stream ended.
-    """
     head = stream.read(_LENGTH.size)
     if len(head) < _LENGTH.size:
         raise EOFError

@@ -45,15 +45,7 @@ _DIGITS = 2  # of joint values, in degrees and mm
 
 
 class Panel:
-    """The controls beside the scene.
-
-    Args:
-        server: of the page.
-        problem: as stated.
-        geometry: of the arm.
-        actions: what the controls call.
-        measured: whether there are measurements at first.
-    """
+    """The controls beside the scene."""
 
     def __init__(
         self, server: viser.ViserServer, problem: Problem, geometry: ArmGeometry, actions: Actions, measured: bool
@@ -94,7 +86,6 @@ class Panel:
         back.on_click(lambda _event: actions.turned(None))
 
     def _add_taken_away(self, gui: viser.GuiApi) -> None:
-        """The buttons that write files, and what they say."""
         problem = gui.add_button("Save problem", hint="as a file that the command line takes")
         report = gui.add_button("Save report", hint="figures, numbers and a page, as --out writes them")
         picture = gui.add_button("Save picture", hint="what this browser shows, as a PNG file")
@@ -156,7 +147,6 @@ class Panel:
             slider.value = round(float(value) * factor, _DIGITS)
 
     def _beside_first(self, answer: Answer) -> str:
-        """How the target compares with the first one that was asked of the same arm, errors and cell, in words."""
         found = answer.solution
         if found is None or found.points or not self._place.visible:
             return ""
@@ -177,7 +167,6 @@ class Panel:
 
 
 def _status(answer: Answer) -> str:
-    """How final an answer is, in words."""
     if answer.reason:
         return f"Followed the target; no full search: {sentence(answer.reason)}"
     if not answer.whole and has_stations(answer.request.problem):
@@ -190,7 +179,6 @@ def _status(answer: Answer) -> str:
 
 
 def _compared(best: Solution, own: Spread) -> str:
-    """How a posture of the user's own compares with the best one, which the task asks for."""
     if best.points:
         return "Posture of your own."
     ratio = best.sigma_at(best.target, np.array(own.q)) / best.sigma_max
@@ -200,7 +188,6 @@ def _compared(best: Solution, own: Spread) -> str:
 
 
 def _slider(gui: viser.GuiApi, joint: Joint) -> tuple[float, Any]:
-    """A slider over the range of a joint, in degrees or mm, and how many of these make one rad or m."""
     scale, unit = (1e3, "mm") if joint.type == "prismatic" else (180.0 / np.pi, "deg")
     low, high = scale * joint.lower, scale * joint.upper
     step = 10.0**-_DIGITS
@@ -212,7 +199,6 @@ def _small(html: str) -> str:
 
 
 def _gain(found: Solution) -> str:
-    """What a typical posture would give; nothing for stations, whose table says it."""
     typical = math.nan if found.points else found.statistics.typical
     return _line(f"Typical feasible posture: {length(typical)}.") if math.isfinite(typical) else ""
 
@@ -223,7 +209,6 @@ def _line(text: str, alarm: bool = False) -> str:
 
 
 def _bars(budget: Sequence[ShareGroup]) -> str:
-    """The error budget: a bar a source, or sources whose errors cancel, as long as their share of the variance."""
     rows = "".join(
         f'<div style="margin:3px 0"><div style="background:{LIGHT};height:6px">'
         f'<div style="background:{BLUE};height:6px;width:{100 * group.share:.1f}%"></div></div>'
@@ -235,6 +220,5 @@ def _bars(budget: Sequence[ShareGroup]) -> str:
 
 
 def _together(group: ShareGroup) -> str:
-    """The sources of a group: the two largest, and how many more."""
     more = len(group.parameters) - _NAMED
     return ", ".join(group.parameters[:_NAMED]) + (f" and {more} more together" if more > 0 else "")

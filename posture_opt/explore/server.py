@@ -24,13 +24,7 @@ _TOKEN_BYTES = 18  # random ones: 24 characters
 
 @dataclass(frozen=True)
 class Served:
-    """A server that listens.
-
-    Args:
-        viser: the server itself.
-        url: the address to open, with the token where there is one.
-        reach: who can open it; empty where that is this machine alone.
-    """
+    """A server that listens."""
 
     viser: viser.ViserServer
     url: str
@@ -38,13 +32,7 @@ class Served:
 
 
 def served(host: str, port: int, title: str) -> Served:
-    """A server that listens at ``host``, at ``port`` or the next one that is free.
-
-    Where other machines can reach it, the address has a token that is made anew each time.
-
-    Raises:
-        InputError: viser is not installed, or nothing can be served there.
-    """
+    """A server that listens at ``host``, at ``port`` or the next one that is free."""
     if not 0 < port < 65536:
         raise InputError(Issue(f"{port} is no port", ("--port",), port, "name one between 1024 and 65535"))
     try:
@@ -68,7 +56,6 @@ def served(host: str, port: int, title: str) -> Served:
 
 
 def _addressed(found: viser.ViserServer, host: str, token: str) -> Served:
-    """The address of a server, and who can reach it."""
     if not token:
         return Served(found, f"http://{_in_address(host)}:{found.get_port()}", "")
     everywhere = ipaddress.ip_address(socket.gethostbyname(host)).is_unspecified if ":" not in host else host == "::"
@@ -79,11 +66,6 @@ def _addressed(found: viser.ViserServer, host: str, token: str) -> Served:
 
 
 def _check_address(host: str) -> None:
-    """That this machine can listen at an address.
-
-    Raises:
-        InputError: it cannot.
-    """
     try:
         family, kind, protocol, _, address = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[0]
         with socket.socket(family, kind, protocol) as tried:

@@ -1,7 +1,4 @@
-"""``Setting``: one number of a problem that a slider changes: a standard deviation, the clearance, the tilt.
-
-Each is a key of the problem file, so that what the page shows can be saved and solved again.
-"""
+"""``Setting``: one number of a problem that a slider changes: a standard deviation, the clearance, the tilt."""
 
 from __future__ import annotations
 
@@ -24,11 +21,7 @@ class Setting:
     """A number of a problem file that may be changed.
 
     Args:
-        label: what it is, with its name in the file.
-        key: its place, ``uncertainty__sigma__elbow.theta``.
         value: that is stated [SI].
-        unit: ``m`` or ``rad``.
-        logarithmic: whether it changes by factors of what is stated, or else between zero and ``most``.
         most: of a setting that is not logarithmic [SI].
     """
 

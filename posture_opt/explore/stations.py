@@ -30,16 +30,7 @@ _STEP_DEG = 0.1
 
 
 class Stations:
-    """The stations of an answer on the page, with their controls.
-
-    Args:
-        server: of the page; the controls are put where its panel is at the moment.
-        problem: with features, or a path.
-        geometry: of the arm: its size, and whether it is planar.
-        changed: called with key -> value of the problem file where the workpiece is put somewhere; with none, for the
-            best placement.
-        redraw: called when another station is to be shown.
-    """
+    """The stations of an answer on the page, with their controls."""
 
     def __init__(
         self,
@@ -66,7 +57,6 @@ class Stations:
             self._add_workpiece(gui, geometry.planar)
 
     def _add_workpiece(self, gui: viser.GuiApi, planar: bool) -> None:
-        """The handle of the workpiece, the slider of its yaw, and the way back to the best placement."""
         self._yaw: Any = gui.add_slider("Yaw of the workpiece [deg]", -180.0, 180.0, _STEP_DEG, 0.0)
         back = gui.add_button("Best placement of the workpiece")
         self.handle = add_handle(self._server, "/workpiece", planar)
@@ -93,11 +83,7 @@ class Stations:
         self._changed({})
 
     def show(self, found: Solution, own_place: bool) -> Solution:
-        """The stations of an answer; the one that is to be shown.
-
-        Args:
-            own_place: whether the workpiece is where the user put it.
-        """
+        """The stations of an answer; the one that is to be shown."""
         if found is not self._found:
             self._found = found
             self._best = self._best if own_place else found
@@ -119,7 +105,6 @@ class Stations:
             self._player.join(2.0 * _MOST_STEP_S)
 
     def _draw(self, found: Solution) -> None:
-        """A mark at every station, coloured by its standard deviation; the line of a path."""
         places = np.array([point.spread.position for point in found.points])
         low, high = float(found.sigmas.min()), float(found.sigmas.max())
         colours = mapped_colours(found.sigmas, low, high if high > low else 2.0 * high).astype(np.uint8)
@@ -147,7 +132,6 @@ class Stations:
             self._player.start()
 
     def _run(self, found: Solution) -> None:
-        """Shows one station after the other, in the rhythm of the path's time law where it has one."""
         self._play.label = "Stop"
         count = len(found.points)
         law = found.times if found.times is not None and len(found.times) == count else None

@@ -29,12 +29,7 @@ _PICTURE = 1600, 1000
 
 
 class TakenAway:
-    """Writes what is asked for.
-
-    Args:
-        stated: the problem that the page was opened with; the files are named after it.
-        folder: that is written to.
-    """
+    """Writes what is asked for."""
 
     def __init__(self, stated: Problem, folder: Path) -> None:
         self._stated = stated
@@ -64,18 +59,15 @@ class TakenAway:
         return "There is no free name."
 
     def _files(self, problem: Problem, stem: str) -> dict[str, bytes]:
-        """A problem file with what it needs, by their names."""
         name, files = f"{stem}.yaml", problem.files(stem)
         kept = edited(self._text(), parse_yaml(files[name].decode()).data)
         return files if kept is None else {**files, name: kept.encode()}
 
     def _stems(self) -> Iterator[str]:
-        """Names without their endings, the first one first."""
         yield self._first
         yield from (f"{self._first}_{k}" for k in range(2, _MOST_NAMES))
 
     def _is_anothers(self, name: str, content_of_it: bytes) -> bool:
-        """Whether a file says something that this page did not write: it was there before, or was changed since."""
         path = self.folder / name
         if not path.exists():
             return False
@@ -104,7 +96,6 @@ class TakenAway:
         return self._written({name: pixels}) if name else "There is no free name."
 
     def _text(self) -> str:
-        """The file that the page was opened with, if it still says what it said; else nothing."""
         origin = self._stated.origin
         try:
             text = content(Path(origin.file), MAX_BYTES).decode("utf-8-sig") if origin.file else ""
@@ -153,6 +144,5 @@ def millimetres(place: Sequence[float] | Array) -> list[str]:
 
 
 def _named(problem: Problem) -> str:
-    """The file of a problem, as a command line names it; of a built-in one the name."""
     file = Path(problem.origin.file or problem.name)
     return file.stem if file.parent == problems_folder() else str(file)

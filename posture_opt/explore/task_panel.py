@@ -17,13 +17,7 @@ _DIRECTION_STEP = 0.01
 
 
 class TaskPanel:
-    """What may be asked differently.
-
-    Args:
-        gui: inside the folder that the controls are in.
-        problem: as stated.
-        changed: called with key -> value of all that is not as stated; returns whether they fit.
-    """
+    """What may be asked differently."""
 
     def __init__(self, gui: viser.GuiApi, problem: Problem, changed: Callable[[dict[str, Plain]], bool]) -> None:
         self._sliders = [(setting, _slider(gui, setting)) for setting in settings_of(problem)]
@@ -57,7 +51,6 @@ class TaskPanel:
 
 
 def _others(gui: viser.GuiApi, problem: Problem) -> list[tuple[str, Any]]:
-    """Key -> control of what is chosen or typed: the criterion, and the direction."""
     task = problem.task
     if task is None:
         return []
@@ -71,14 +64,12 @@ def _others(gui: viser.GuiApi, problem: Problem) -> list[tuple[str, Any]]:
 
 
 def _slider(gui: viser.GuiApi, setting: Setting) -> Any:
-    """A slider of a setting; of a logarithmic one it shows the decades from what is stated."""
     low, high, first = setting.range
     label = f"{setting.label}, log10 of the factor" if setting.logarithmic else f"{setting.label} [deg]"
     return gui.add_slider(label, low, high, 0.01, first)
 
 
 def _table(settings: Sequence[tuple[Setting, float]]) -> str:
-    """What each setting is now, and what the file states where that is something else."""
     rows = "".join(
         f"<tr><td>{escape(s.label)}</td><td>{escape(s.words(at))}</td><td>"
         f"{escape('stated ' + s.words(s.range[2])) if at != s.range[2] else ''}</td></tr>"

@@ -20,11 +20,7 @@ _SAME = 0.01  # of the extent: places of the camera that are the same
 
 
 def look_at(server: viser.ViserServer, planar: bool, points: Array) -> None:
-    """Have all points (k, 3) [m] seen, from above where the arm moves in a plane.
-
-    Where the window is narrower than high, the camera of that browser stands so much farther off, until somebody turns
-    or moves it.
-    """
+    """Have all points (k, 3) [m] seen, from above where the arm moves in a plane."""
     middle, extent = (points.min(axis=0) + points.max(axis=0)) / 2, extent_of(points)
     offset = extent * (_VIEW_ONTO_PLANE if planar else _VIEW)
     server.scene.set_up_direction("+y" if planar else "+z")

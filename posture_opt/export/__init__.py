@@ -39,7 +39,6 @@ def __getattr__(name: str) -> Any:
 
 
 def _format(kind: str) -> type[ExportFormat]:
-    """The class of a format, whose file is imported."""
     home = import_module(f"posture_opt.export.{ARM_FORMATS[kind] if kind in ARM_FORMATS else PROGRAM_FORMATS[kind]}")
     words = home.__name__.rpartition(".")[2].split("_")
     found: type[ExportFormat] = getattr(home, "".join(word.capitalize() for word in words))

@@ -19,11 +19,7 @@ _SHARES = (1.0, 0.5, 0.25)
 
 
 def with_arrivals(problem: ProblemData, stops: Sequence[Stop]) -> tuple[list[Stop], list[str]]:
-    """Stops with further ones in front of those that are driven to joint by joint, each arrived at from its sides.
-
-    From where the arm comes to the first stop nobody knows: whatever side is asked for there gets a stop in front.
-    Notes say what the further stops are for, and where joints arrive from another side.
-    """
+    """Stops with further ones in front of those that are driven to joint by joint, each arrived at from its sides."""
     run, came = runs(problem), np.full(problem.robot.n, np.nan)
     rows: list[Stop] = []
     notes: list[str] = []
@@ -51,7 +47,6 @@ def with_arrivals(problem: ProblemData, stops: Sequence[Stop]) -> tuple[list[Sto
 
 
 def _added_note(problem: ProblemData, stops: Sequence[Stop]) -> str:
-    """What the stops in front of others are for, and how far beside them the tool is there."""
     tool = np.asarray(problem.arm.position(np.array([stop.q for stop in stops])), dtype=float)
     pairs = zip(pairwise(stops), np.linalg.norm(np.diff(tool, axis=0), axis=1), strict=True)
     away = 1e3 * max(gap for (a, _), gap in pairs if a.label.startswith("before"))

@@ -47,11 +47,7 @@ def side_words(problem: ProblemData, sides: Array, which: Mask) -> str:
 
 
 def from_sides(problem: ProblemData, start: Array, q: Array, sides: Array, length: float, name: str) -> Array:
-    """The beginning (n,) of a line of ``length`` [m] to ``q`` (n,), moved until joints go on to their sides on it.
-
-    Raises:
-        NoSolutionError: the line would lean by more than a twentieth: it moves a joint against its side.
-    """
+    """The beginning (n,) of a line of ``length`` [m] to ``q`` (n,), moved until joints go on to their sides on it."""
     least = max(_LAST_MOVE_RAD, _ROUNDINGS * joint_digits(problem, q).turn)
     against = (sides != 0) & (sides * (q - start) < least)
     moved = np.where(against, q - sides * least, start)

@@ -53,7 +53,6 @@ class CCode(ExportFormat):
 
 
 def _written(name: str, texts: tuple[str, str]) -> dict[str, str]:
-    """Header and source by file name."""
     text, header = texts
     return {f"{name}.h": header, f"{name}.c": text}
 
@@ -64,7 +63,6 @@ class CheckedFunction:
 
     Args:
         name: in C; ``function`` takes q (n,) [rad or m].
-        rows: whether ``name_rows`` is there too, for many postures in one call.
     """
 
     name: str
@@ -73,11 +71,7 @@ class CheckedFunction:
 
 
 def check_text(robot: Robot, checked: Sequence[CheckedFunction]) -> str:
-    """C99 of a ``main`` that returns 0 where all functions give the numbers of CasADi's interpreter at `POSTURES`.
-
-    Postures are drawn uniformly between the joint limits with seed 0. Wrong is a difference above `TOLERANCE` of the
-    largest entry of the output, or a NaN.
-    """
+    """C99 of a ``main`` that returns 0 where all functions give the numbers of CasADi's interpreter at `POSTURES`."""
     low, high = drawn_between(robot)
     Q = np.random.default_rng(0).uniform(low, high, (POSTURES, robot.n))
     lines = [_CHECK_HEADER, *(f'#include "{each.name}.h"' for each in checked), "", *_array("q", Q), _COMPARE_FUNCTION]
@@ -101,7 +95,6 @@ def _declared(each: CheckedFunction, Q: Array) -> Iterator[str]:
 
 
 def _calls(each: CheckedFunction, n: int) -> Iterator[str]:
-    """Lines of ``main``: every output alone, for one posture and for all at once."""
     keys = _keys(each)
     for key in keys:
         size = each.function.numel_out(keys.index(key))
@@ -120,12 +113,10 @@ def _calls(each: CheckedFunction, n: int) -> Iterator[str]:
 
 
 def _keys(each: CheckedFunction) -> list[str]:
-    """The names of the outputs, in their order."""
     return [each.function.name_out(i) for i in range(each.function.n_out())]
 
 
 def _array(name: str, values: Array) -> Iterator[str]:
-    """A constant array of C, a line for each row of the values, with all 17 digits."""
     yield f"static const double {name}[{values.size}] = {{"
     for row in values:
         yield f"  {', '.join(map(literal, row.tolist()))},"

@@ -12,10 +12,7 @@ _EFFECTS_NOTE = "the effects of the arm are no parameters of its geometry and ar
 
 
 class DhTable(ExportFormat):
-    """A table for controllers that take corrected parameters, and for people.
-
-    One row for each parameter of the arm: unit (deg or mm), nominal value, correction, and their sum, to 15 digits.
-    """
+    """A table for controllers that take corrected parameters, and for people."""
 
     summary: ClassVar[str] = "CSV of every parameter: nominal value, correction, sum"
     default: ClassVar[str] = "dh"

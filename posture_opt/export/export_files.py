@@ -80,9 +80,5 @@ def export_files(
 
 
 def program_files(program: RobotProgram, to: str, name: str) -> Exported:
-    """A robot program that is known, in one of the languages of controllers.
-
-    Raises:
-        InputError: as of `export_files`.
-    """
+    """A robot program that is known, in one of the languages of controllers."""
     return program_kinds()[to](name=name).written(program)

@@ -33,14 +33,7 @@ class Exported:
 
 @dataclass(frozen=True, eq=False)
 class ExportSource:
-    """A problem, and the motion that answers it, planned only where a format asks for it.
-
-    Args:
-        problem: what is exported.
-        asked: of a program.
-        seed, workers: of the planning.
-        given: the program, where it is known already.
-    """
+    """A problem, and the motion that answers it, planned only where a format asks for it."""
 
     problem: ProblemData
     asked: MotionRequest
@@ -50,11 +43,7 @@ class ExportSource:
 
     @cached_property
     def programs(self) -> list[RobotProgram]:
-        """The motion to write: one program, or the parts of a path.
-
-        Raises:
-            NoSolutionError, InputError: as of `select_posture`.
-        """
+        """The motion to write: one program, or the parts of a path."""
         if self.given is not None:
             return [self.given]
         answer = select_posture(self.problem, seed=self.seed, workers=self.workers)
@@ -62,10 +51,7 @@ class ExportSource:
 
 
 class ExportFormat(Spec):
-    """One format of an export; ``name`` is that of functions, programs and files.
-
-    A kind has its mathematics and its words in one file; `EXPORTS` lists it, and every command knows it from then on.
-    """
+    """One format of an export; ``name`` is that of functions, programs and files."""
 
     summary: ClassVar[str]
     """What it is, for lists."""
@@ -88,11 +74,7 @@ class ExportFormat(Spec):
 
     @property
     def stem(self) -> str:
-        """The name, checked.
-
-        Raises:
-            InputError: it is no identifier, or a word of the language.
-        """
+        """The name, checked."""
         name = self.name or self.default
         if not _NAME.fullmatch(name):
             raise InputError(Issue(f"{name!r} is no name", ("--name",), name, "use letters, digits and _"))

@@ -25,10 +25,6 @@ _POINTS_NOTE = "Between two points the joints are interpolated: the tool is on i
 class JointState(ProgramFormat):
     """A ROS message as YAML: of one posture a ``sensor_msgs/JointState``, of several a
     ``trajectory_msgs/JointTrajectory``.
-
-    Positions in rad and m, by the joint names of the model. Along a path, and on the lines to and from a stop, times
-    are those of the speed of the tool point. Elsewhere they are those of the joint that moves most, at 1 rad/s or 1
-    m/s for a speed of 100 %, at least 0.1 s apart; the first stop has 5 s from wherever the arm is.
     """
 
     summary: ClassVar[str] = "ROS message as YAML: JointState, or JointTrajectory of several stops"
@@ -80,10 +76,6 @@ def _first_stop(program: RobotProgram) -> float:
 
 
 def duration(time: float) -> str:
-    """A time [s] as the message writes it.
-
-    >>> duration(1.25)
-    '{sec: 1, nanosec: 250000000}'
-    """
+    """A time [s] as the message writes it."""
     whole = math.floor(time)
     return f"{{sec: {whole}, nanosec: {min(round((time - whole) * 1e9), 999_999_999)}}}"

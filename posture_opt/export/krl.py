@@ -37,9 +37,7 @@ _WORDS = """
 
 
 class Krl(ProgramFormat):
-    """A program of a KUKA controller: ``PTP`` to axis values [deg, mm], exact stops, speed and acceleration in
-    percent.
-    """
+    """A program of a KUKA controller: ``PTP`` to axis values [deg, mm], exact stops, speed and acceleration in percent."""
 
     summary: ClassVar[str] = "program of a KUKA controller (PTP, LIN, degrees): .src and .dat"
     maker: ClassVar[str] = "KUKA"
@@ -51,11 +49,7 @@ class Krl(ProgramFormat):
     kind: Literal["krl"] = "krl"
 
     def files(self, program: RobotProgram) -> dict[str, str]:
-        """``NAME.src`` and ``NAME.dat``.
-
-        Raises:
-            InputError: a name of more than 24 characters.
-        """
+        """``NAME.src`` and ``NAME.dat``."""
         name = self.stem
         if len(name) > _MAX_NAME_LENGTH:
             raise InputError(Issue(f"KRL has names of at most {_MAX_NAME_LENGTH} characters", ("--name",), name))

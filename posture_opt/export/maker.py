@@ -24,11 +24,6 @@ MAKERS = {
 
 
 def maker_of(name: str) -> str:
-    """The maker of an arm of this name; empty where the name does not say.
-
-    Example:
-        >>> maker_of("Universal Robots UR10 (CB3)"), maker_of("ur10_robot"), maker_of("my arm")
-        ('Universal Robots', 'Universal Robots', '')
-    """
+    """The maker of an arm of this name; empty where the name does not say."""
     plain = re.sub(r"[\W_]+", " ", name.lower())
     return next((maker for maker, pattern in MAKERS.items() if re.search(pattern, plain)), "")

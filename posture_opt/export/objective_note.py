@@ -15,11 +15,7 @@ _WORKPIECE_ERRS = "the objective counts the errors of the workpiece; the covaria
 
 
 def objective_or_note(problem: ProblemData) -> tuple[tuple[Any, dict[str, str]] | None, tuple[str, ...]]:
-    """The function of `task_objective` with its descriptions, and sentences on what is left out or counted.
-
-    Raises:
-        InputError: as of `task_objective`.
-    """
+    """The function of `task_objective` with its descriptions, and sentences on what is left out or counted."""
     if problem.task is None:
         return None, (_NO_TASK,)
     if problem.task.features or problem.task.on_path:

@@ -20,11 +20,7 @@ _ROBOT_AXES = 6
 
 
 class ProgramFormat(ExportFormat):
-    """A robot program: it drives to every stop, joint by joint or with the tool on a line, and waits there.
-
-    Stops are joint values and not poses: the controller's own kinematics, which knows no correction, only has a part in
-    the way between two points of a line.
-    """
+    """A robot program: it drives to every stop, joint by joint or with the tool on a line, and waits there."""
 
     default: ClassVar[str] = "posture"
     most_joints: ClassVar[int] = 12
@@ -43,11 +39,7 @@ class ProgramFormat(ExportFormat):
         return Exported({name: text for part in parts for name, text in part.files.items()}, tuple(notes))
 
     def written(self, program: RobotProgram) -> Exported:
-        """A program in this language.
-
-        Raises:
-            InputError: the arm has more joints than the language can move.
-        """
+        """A program in this language."""
         if program.robot.n > self.most_joints:
             raise InputError(self._too_many(program.robot.n))
         tool = (_TOOL_DATA,) if program.has_lines and self.maker else ()
@@ -57,7 +49,6 @@ class ProgramFormat(ExportFormat):
         return Exported(self.files(program), program.notes)
 
     def _other_maker(self, robot: Robot) -> tuple[str, ...]:
-        """A note where the arm is not of the maker whose controllers read this."""
         maker = maker_of(robot.name)
         if not maker or not self.maker or maker == self.maker:
             return ()
@@ -72,20 +63,12 @@ class ProgramFormat(ExportFormat):
         return [f"{self.comment_mark} {plain(text)}" for text in texts if text]
 
     def _too_many(self, joints: int) -> Issue:
-        """The issue of an arm with more joints than the language can move."""
         message = f"the arm has {joints} joints, and a program of this kind moves {self.most_joints}"
         return Issue(message, ("--to",), self.summary.split(":")[0], "use --to jointstate")
 
 
 def axes_of(robot: Robot) -> tuple[list[int], list[int]]:
-    """Which joints are the six axes of the robot in the languages of controllers, and which its external ones.
-
-    A rail in front of six joints that turn is external, and so is what is behind the sixth axis.
-
-    >>> import posture_opt as po
-    >>> axes_of(po.load_problem("insert_panda").robot)
-    ([0, 1, 2, 3, 4, 5], [6])
-    """
+    """Which joints are the six axes of the robot in the languages of controllers, and which its external ones."""
     every = list(range(robot.n))
     rail = next((k for k in every if robot.joints[k].type == "revolute"), 0)
     first = min(rail, max(robot.n - _ROBOT_AXES, 0))

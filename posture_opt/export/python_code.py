@@ -72,11 +72,7 @@ def hessian(q):
 
 
 class PythonCode(ExportFormat):
-    """``NAME.py`` with position, covariance, first_order, and objective, gradient and hessian of the task.
-
-    The expressions are those of the C code. Without a task, or with several targets, the last three are left out and a
-    note says why. ``JOINTS`` are the names of the joints in the order of q.
-    """
+    """``NAME.py`` with position, covariance, first_order, and objective, gradient and hessian of the task."""
 
     summary: ClassVar[str] = "covariance of the tool point, objective, gradient and Hessian as Python, NumPy alone"
     default: ClassVar[str] = "tool_covariance"
@@ -108,5 +104,4 @@ class PythonCode(ExportFormat):
 
 
 def _safe(texts: Mapping[str, str]) -> dict[str, str]:
-    """Texts as a docstring may hold them."""
     return {key: one_line(text).replace("\\", "/").replace('"', "'") for key, text in texts.items()}

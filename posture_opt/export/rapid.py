@@ -46,11 +46,7 @@ class Rapid(ProgramFormat):
     kind: Literal["rapid"] = "rapid"
 
     def files(self, program: RobotProgram) -> dict[str, str]:
-        """``NAME.mod`` with the procedure ``NAME_run``.
-
-        Raises:
-            InputError: a name of more than 28 characters.
-        """
+        """``NAME.mod`` with the procedure ``NAME_run``."""
         name = self.stem
         if len(name) > _MAX_NAME_LENGTH - 4:
             raise InputError(Issue(f"RAPID has names of at most {_MAX_NAME_LENGTH} characters", ("--name",), name))

@@ -47,12 +47,8 @@ class RobotProgram:
     """Stops in their order.
 
     Args:
-        title: of the problem; what: the stops are, in a word.
-        robot: whose joints they are of.
         q: (N, n) joint values of the stops [rad or m]; labels: (N,) texts, empty for none.
-        digits: what rounding may cost.
         speed: percent of what the language takes for full; wait: at every stop [s].
-        notes: sentences for the first lines of the program.
         moves: (N,) how each stop is reached.
         line_speed: of the tool point on lines [m/s]; to and from stops it is no faster than at ``speed``.
         payload: mass at the tool point [kg].
@@ -118,11 +114,9 @@ class MotionRequest:
     """What is asked of a program beside its stops.
 
     Args:
-        speed: percent of what the language takes for full; of a path whose task states no speed, of 250 mm/s.
         wait: at every stop [s].
         approach: distance [m] of a point in front of each stop, or of a path, and of one to retract to; None: what
             `default_approach` says.
-        with_breaks: whether a path that is broken is driven in parts.
     """
 
     speed: float = 10.0
@@ -147,11 +141,7 @@ def answer_program(problem: ProblemData, answer: Answer, asked: MotionRequest = 
 
 
 def answer_programs(problem: ProblemData, answer: Answer, asked: MotionRequest) -> list[RobotProgram]:
-    """The program of an answer, or one of each part of a path that the arm has to leave.
-
-    Raises:
-        NoSolutionError: a broken path that is to be driven in one; a way in against the side of arrival.
-    """
+    """The program of an answer, or one of each part of a path that the arm has to leave."""
     what, answers, labels = _stops(answer)
     on_path, sides = answer.followed is not None, task_sides(problem)
     moves, line_speed = [Move()] * len(answers), REDUCED_SPEED * asked.speed / 100
@@ -174,7 +164,6 @@ def answer_programs(problem: ProblemData, answer: Answer, asked: MotionRequest) 
 
 
 def _begun(stops: list[Stop]) -> list[Stop]:
-    """The stops of a part of a path, its first one driven to joint by joint."""
     return [stops[0]._replace(move=replace(stops[0].move, line=False)), *stops[1:]]
 
 
@@ -182,7 +171,6 @@ def _program(
     problem: ProblemData, what: str, *, stops: Sequence[Stop], backs: Sequence[Array], asked: MotionRequest,
     line_speed: float, together: bool,
 ) -> RobotProgram:  # fmt: skip
-    """The program through stops, each of them or all ``together`` approached and left, from their sides."""
     distance = default_approach(problem) if asked.approach is None else asked.approach
     groups = [range(len(stops))] if together else [range(k, k + 1) for k in range(len(stops))]
     rows, notes = list(stops), list[str]()
@@ -223,11 +211,7 @@ def program_through(
 
 
 def program_of_stops(problem: ProblemData, what: str, stops: Sequence[Stop], asked: MotionRequest) -> RobotProgram:
-    """The program through stops, as they are.
-
-    Values have so many digits that rounding moves the tool point by less than a hundredth of its σ. Notes say what the
-    reports say of the surface that the arm stands on, and which ways between stops are not clear.
-    """
+    """The program through stops, as they are."""
     rows = np.array([stop.q for stop in stops]).reshape(len(stops), problem.robot.n)
     digits, scene = joint_digits(problem, rows), problem.scene
     mounting = [note] if len(rows) and (note := scene.mounting_note(rows)) else []
@@ -248,7 +232,6 @@ def program_of_stops(problem: ProblemData, what: str, stops: Sequence[Stop], ask
 
 
 def _stops(answer: Answer) -> tuple[str, list[Answer], list[str]]:
-    """What the stops are, the answer at each of them, and their labels."""
     if answer.followed is not None:
         labels = np.where(answer.followed.listed, answer.names, "").tolist()
         return "along the path", list(answer.points), labels
@@ -269,10 +252,6 @@ def _way_back(station: Answer) -> Array:
 
 
 def plain(text: str) -> str:
-    """A line of printable ASCII: what controllers read as a comment.
-
-    >>> plain("σ = 0.02°")
-    's = 0.02d'
-    """
+    """A line of printable ASCII: what controllers read as a comment."""
     swapped = text.translate(str.maketrans("–—σ°µ·×", "--sduxx"))
     return "".join(c if " " <= c <= "~" else " " if c.isspace() else "?" for c in swapped)

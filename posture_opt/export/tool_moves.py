@@ -44,9 +44,7 @@ class Move:
     """How a stop is reached.
 
     Args:
-        line: with the tool point on a straight line, else joint by joint.
         blend: radius [m] within which the corner may be rounded; zero: the arm stops.
-        waits: whether the program waits there for its time.
         time: since the first stop on the line [s]; None where it is not known.
         length: of the line from an approach point or to a retract [m]; None of other moves.
     """
@@ -89,9 +87,6 @@ def path_moves(positions: Array, lengths: Array, speed: float) -> list[Move]:
 def beside(problem: ProblemData, q: Array, back: Array, distance: float) -> tuple[Array, float] | None:
     """A posture (n,) whose tool is back from its place at ``q`` (n,), and how far [m]; None where there is none.
 
-    The arm is clear all along the line between the two. Half and a quarter of the distance are tried where it cannot go
-    farther. Joints that the task holds stay where they are.
-
     Args:
         back: (3,) the way back, world.
     """
@@ -105,10 +100,7 @@ def beside(problem: ProblemData, q: Array, back: Array, distance: float) -> tupl
 
 
 def _line(arm: Arm, q: Array, shift: Array, free: Codes) -> Array | None:
-    """Postures (K, n) from ``q`` on, the tool moved by up to ``shift`` (3,) [m] and turned the same; None without any.
-
-    Only the ``free`` joints move. An arm with fewer than six joints keeps the turn as far as it can.
-    """
+    """Postures (K, n) from ``q`` on, the tool moved by up to ``shift`` (3,) [m] and turned the same."""
     start = np.asarray(arm.pose(q), dtype=float)
     lower, upper, found = np.array(arm.robot.lower), np.array(arm.robot.upper), []
     for share in np.linspace(0, 1, max(math.ceil(float(np.linalg.norm(shift)) / _LINE_STEP_M), 2) + 1)[1:]:
@@ -147,16 +139,8 @@ def with_way(
 ) -> tuple[list[Stop], list[str]]:
     """A stop, or the stops of a path, with an approach point in front and a retract behind.
 
-    The approach point lies so far beside the line that joints which are to arrive from a side do.
-
     Args:
         backs: (3,) each, the way back from the first stop and from the last one, world.
-
-    Returns:
-        the stops, and notes on points that could not be had as asked.
-
-    Raises:
-        NoSolutionError: the way in moves a joint against its side.
     """
     first, last = group[0], group[-1]
     name = f" of {first.label}" if first.label and len(group) == 1 else ""

@@ -30,11 +30,7 @@ _BALL = 1e-9  # m: a shorter capsule is one ball
 
 
 class UrdfArm(ExportFormat):
-    """A URDF file whose forward kinematics is that of the corrected arm, from ``world`` to ``tool``.
-
-    An arm that was read from a URDF comes back as that file with other origins: its meshes, masses, inertias, limits
-    and further links as they were.
-    """
+    """A URDF file whose forward kinematics is that of the corrected arm, from ``world`` to ``tool``."""
 
     summary: ClassVar[str] = "the corrected arm as URDF, from link 'world' to link 'tool'"
     default: ClassVar[str] = "arm"
@@ -57,7 +53,6 @@ class UrdfArm(ExportFormat):
 
 
 def _placeholder_note(robot: Robot) -> tuple[str, ...]:
-    """Which limits of the joints nobody states."""
     unknown = [
         words
         for words, values in (
@@ -72,7 +67,6 @@ def _placeholder_note(robot: Robot) -> tuple[str, ...]:
 
 
 def _kept_notes(description: UrdfDescription) -> tuple[str, ...]:
-    """What is to be known of a file that is the arm's own with other origins."""
     files = relative_meshes(description.data)
     if not files:
         return ()
@@ -80,20 +74,12 @@ def _kept_notes(description: UrdfDescription) -> tuple[str, ...]:
 
 
 def _comment(notes: Sequence[str]) -> str:
-    """The lines of the comment at the top of the file."""
     lines = (f"Written by posture_opt {__version__}.", *notes)
     return "\n".join("  " + re.sub("-(?=-)", "- ", one_line(line)) for line in lines)
 
 
 def urdf_text(robot: Robot, name: str, notes: Sequence[str] = ()) -> str:
-    """The URDF of a chain; joint names, zeros, directions and limits are those of its joints.
-
-    ``T_world_tool(q)`` agrees with the program's to 1e-9 m at every posture.
-
-    Args:
-        name: of the robot in the file.
-        notes: lines of the comment at the top.
-    """
+    """The URDF of a chain; joint names, zeros, directions and limits are those of its joints."""
     before, behind = _parts(robot)
     links = _unique(("world", "base", *(f"{joint.name}_link" for joint in robot.joints), "flange", "tool"))
     fixed = _unique((*robot.joint_names, "world_to_base", "to_flange", "flange_to_tool"))[robot.n :]
@@ -109,7 +95,6 @@ def urdf_text(robot: Robot, name: str, notes: Sequence[str] = ()) -> str:
 
 
 def _links(robot: Robot, names: Sequence[str], behind: Sequence[Sequence[Factor]]) -> list[str]:
-    """The links with the shape of the arm, whose capsules are given in the frames behind the joints."""
     carried = [BASE, *robot.joint_names, TOOL]
     frames = [np.eye(4), *map(fixed_pose, behind), np.eye(4)]
     link_of = dict(zip(carried, [*names[1:-2], names[-1]], strict=True))
@@ -129,10 +114,6 @@ def _links(robot: Robot, names: Sequence[str], behind: Sequence[Sequence[Factor]
 
 
 def _parts(robot: Robot) -> tuple[list[tuple[Factor, ...]], list[tuple[Factor, ...]]]:
-    """Of each link the factors up to its joint variable, whose own nominal value is among them, and those behind it.
-
-    A turn by the nominal value and one by the joint variable are about one axis: the order of the two is free.
-    """
     before, behind = [], []
     for link in robot.links:
         at = next(i for i, factor in enumerate(link) if factor.joint is not None)
@@ -149,13 +130,11 @@ def _origin(factors: Iterable[Factor]) -> str:
 
 
 def _fixed(name: str, parent: str, child: str, factors: Iterable[Factor]) -> str:
-    """A fixed joint between two links."""
     head = f'  <joint name={quoteattr(name)} type="fixed">'
     return "\n".join([head, *_ends(parent, child), _origin(factors), "  </joint>"])
 
 
 def _moving(joint: Joint, parent: str, child: str, factors: Iterable[Factor], axis: int) -> str:
-    """A joint that moves along or about one axis of its own frame, with its limits."""
     along = " ".join("1" if k == axis else "0" for k in range(3))
     head = f'  <joint name={quoteattr(joint.name)} type="{joint.type}">'
     bounds = f'lower="{float(joint.lower)!r}" upper="{float(joint.upper)!r}"'
@@ -167,12 +146,10 @@ def _moving(joint: Joint, parent: str, child: str, factors: Iterable[Factor], ax
 
 
 def _ends(parent: str, child: str) -> tuple[str, str]:
-    """The elements that name both links of a joint."""
     return f"    <parent link={quoteattr(parent)}/>", f"    <child link={quoteattr(child)}/>"
 
 
 def _unique(names: Sequence[str]) -> list[str]:
-    """The names, those that occur before with one more underscore."""
     found: list[str] = []
     for name in names:
         fresh = name
@@ -188,7 +165,6 @@ def shape_lines(capsules: Iterable[Capsule], T: Array) -> list[str]:
 
 
 def _capsule(capsule: Capsule, T: Array) -> list[str]:
-    """A cylinder with a ball at both ends; a ball alone where the ends are one point."""
     start, end = (T[:3, :3] @ np.array(point) + T[:3, 3] for point in (capsule.start, capsule.end))
     length = float(np.linalg.norm(end - start))
     ball = f'<sphere radius="{capsule.radius!r}"/>'

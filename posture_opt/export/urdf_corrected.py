@@ -25,15 +25,7 @@ _SAME = 1e-12
 
 
 def corrected_document(robot: Robot, description: UrdfDescription, name: str, comment: str) -> str:
-    """The file with the corrections of the arm, from link ``world`` to link ``tool``.
-
-    Links and joints in front of the base link are left out, all others are kept, those besides the chain too.
-
-    Args:
-        robot: the arm that was read from the file, with its corrections, base and tool.
-        name: of the robot in the file.
-        comment: at the top.
-    """
+    """The file with the corrections of the arm, from link ``world`` to link ``tool``."""
     document = expatbuilder.parseString(description.data, namespaces=False)
     root = document.documentElement
     assert root is not None
@@ -53,12 +45,10 @@ def corrected_document(robot: Robot, description: UrdfDescription, name: str, co
 
 
 def _each(root: Element, tag: str) -> Iterator[Element]:
-    """The elements ``tag`` right inside the robot."""
     return (node for node in root.childNodes if isinstance(node, Element) and node.tagName == tag)
 
 
 def _drop_what_is_in_front(root: Element, tree: UrdfTree, base_link: str) -> None:
-    """Removes the links that the base link does not carry, with their joints and what refers to these."""
     kept = {base_link}
     open_links = [base_link]
     while open_links:
@@ -103,7 +93,6 @@ def _write_pose(origin: Element, T: Array) -> None:
 
 
 def _renew_velocity(document: Document, element: Element, joint: Joint, segment: ChainSegment) -> None:
-    """Writes the largest speed of a joint where the problem file states another one than the URDF."""
     if np.isnan(joint.velocity) or joint.velocity == segment.moving.velocity:
         return
     limit = next(_each(element, "limit"), None) or element.appendChild(document.createElement("limit"))
@@ -111,11 +100,7 @@ def _renew_velocity(document: Document, element: Element, joint: Joint, segment:
 
 
 def _add_frame(document: Document, root: Element, ends: tuple[str, str], T: Array, before: bool) -> None:
-    """A link ``world`` in front of the base link, or ``tool`` behind the tip, on a fixed joint with the pose T (4, 4).
-
-    Where the link at that end has this very name and no frame is between, it is the one; else another link of that name
-    is called otherwise.
-    """
+    """A link ``world`` in front of the base link, or ``tool`` behind the tip, on a fixed joint with the pose T (4, 4)."""
     new = ends[0] if before else ends[1]
     own = ends[1] if before else ends[0]
     if own == new and np.abs(T - np.eye(4)).max() < _SAME:
@@ -138,7 +123,6 @@ def _add_frame(document: Document, root: Element, ends: tuple[str, str], T: Arra
 
 
 def _renamed_link(root: Element, name: str) -> Callable[[str], str]:
-    """Calls a link of this name otherwise, wherever the file has it; returns what each link is called then."""
     names = [element.getAttribute("name") for element in _each(root, "link")]
     if name not in names:
         return str
@@ -164,7 +148,6 @@ def relative_meshes(data: bytes) -> list[str]:
 
 
 def _fresh(name: str, taken: Sequence[str]) -> str:
-    """The name, with underscores behind it until nothing else is called so."""
     while name in taken:
         name += "_"
     return name

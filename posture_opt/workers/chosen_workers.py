@@ -33,19 +33,7 @@ Executor: TypeAlias = "FuturesExecutor | DaskClient | Workers"
 
 
 def opened(workers: int = 1, executor: Executor | None = None) -> Workers:
-    """The workers that a call means, to be used in a ``with`` block.
-
-    Args:
-        workers: processes of this machine; one means this process.
-        executor: who works instead; it stays open.
-
-    Raises:
-        InputError: an executor that is none.
-
-    Example:
-        >>> type(opened(1)).__name__
-        'Serial'
-    """
+    """The workers that a call means, to be used in a ``with`` block."""
     # What a solve in one process can do without is imported when it is asked for.
     if executor is None:
         return Serial() if workers == 1 else _workers_of("processes", "ProcessWorkers", workers)
@@ -60,5 +48,4 @@ def opened(workers: int = 1, executor: Executor | None = None) -> Workers:
 
 
 def _workers_of(file: str, name: str, argument: object) -> Workers:
-    """Workers of a class whose file is imported only now."""
     return cast(Workers, getattr(import_module(f"posture_opt.workers.{file}"), name)(argument))

@@ -8,13 +8,7 @@ from posture_opt.workers.workers import Part, R, S, T, Workers, worked
 
 
 class Serial(Workers):
-    """Works on one part after the other, in this process.
-
-    Example:
-        >>> with Serial() as workers:
-        ...     workers.in_order(pow, 2, [1, 2, 3])
-        [2, 4, 8]
-    """
+    """Works on one part after the other, in this process."""
 
     def run(self, part: Part[S, T, R], shared: S, items: Sequence[T]) -> Iterator[tuple[int, R]]:
         """As of `Workers`, in the order of the items."""

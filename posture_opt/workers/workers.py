@@ -1,9 +1,4 @@
-"""``Workers``: whoever works on the parts of a computation, so that the computation does not depend on it.
-
-A computation is a sequence of rounds. The parts of one round are computed by a pure function and depend on nothing but
-its arguments, so that no answer depends on who computes them, how many do, or in which order. Arguments and results
-are sent between processes; results of what a checkpoint keeps are lists, dicts, text and numbers, as JSON has them.
-"""
+"""``Workers``: whoever works on the parts of a computation, so that the computation does not depend on it."""
 
 from __future__ import annotations
 
@@ -29,20 +24,11 @@ _PART_LOCK = threading.RLock()
 
 
 class Workers(ABC):
-    """Works on the parts of a round, each a pure function of what all parts share and of its own item.
-
-    Used in a ``with`` block, which closes it.
-    """
+    """Works on the parts of a round, each a pure function of what all parts share and of its own item."""
 
     @abstractmethod
     def run(self, part: Part[S, T, R], shared: S, items: Sequence[T]) -> Iterator[tuple[int, R]]:
-        """The number of each item with ``part(shared, item)``, in the order in which they are done.
-
-        Args:
-            part: a function of a module.
-            shared: sent to every worker; expensive things pickle as their recipe and are built once in each.
-            items: one for each part.
-        """
+        """The number of each item with ``part(shared, item)``, in the order in which they are done."""
 
     def in_order(self, part: Part[S, T, R], shared: S, items: Sequence[T]) -> list[R]:
         """The results of all items, in their order; it waits for the last one."""

@@ -27,12 +27,7 @@ FILE = "file"
 
 @dataclass(frozen=True)
 class Named(Text):
-    """A text that may be one of some names; whether it is one, the command itself says, with a hint.
-
-    Args:
-        names: those known, asked for where a word is completed.
-        endings: of files that may be named in place of them; none where a file is no answer.
-    """
+    """A text that may be one of some names; whether it is one, the command itself says, with a hint."""
 
     names: Callable[[], Iterable[str]]
     endings: tuple[str, ...] = ()
@@ -49,10 +44,7 @@ class Named(Text):
 
 
 def completed_files(begun: str, endings: tuple[str, ...] = (), *, folders: bool = False) -> Completed:
-    """The files and folders whose path begins so, files with one of the ``endings`` or none but ``folders``.
-
-    A folder that is the only one is looked into: a shell would put a space behind it, as behind every whole word.
-    """
+    """The files and folders whose path begins so, files with one of the ``endings`` or none but ``folders``."""
     place, _, start = begun.rpartition("/")
     inside = Path(f"{place}/").expanduser() if place or begun.startswith("/") else Path()
     try:
@@ -69,7 +61,6 @@ def completed_files(begun: str, endings: tuple[str, ...] = (), *, folders: bool 
 
 
 def _tasks() -> Iterable[str]:
-    """The tasks of this package, and those that other packages register, whose code is not loaded."""
     points = import_module("importlib.metadata").entry_points(group="posture_opt.tasks")
     return dict.fromkeys((*KINDS, *(point.name for point in points)))
 
@@ -83,11 +74,7 @@ class NamedPath(click.Path):
     """A path with a name: without one, of a shell variable that is not set, it would be the working folder."""
 
     def convert(self, value: str | PathLike[str], param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """The path.
-
-        Raises:
-            click.BadParameter: the name is empty.
-        """
+        """The path."""
         if not str(value).strip():
             self.fail("the name is empty; write . for this folder", param, ctx)
         return super().convert(value, param, ctx)

@@ -12,14 +12,7 @@ from posture_opt.measurements.board_detection import Board, Detections, detect_b
 def detected(
     images: Sequence[Path], board: str, joints: Path | None, camera: str, name: str, dictionary: str
 ) -> Detections:
-    """The points of a board in pictures, with the joints of every picture.
-
-    Args:
-        board: as ``charuco:5x7:30mm:22mm``; joints: None for ``joints.csv`` beside the first picture.
-
-    Raises:
-        InputError: no board, no OpenCV, or files that cannot be read.
-    """
+    """The points of a board in pictures, with the joints of every picture."""
     try:
         return detect_board(
             images, Board.of(board, dictionary), joints or images[0].with_name("joints.csv"), camera, name

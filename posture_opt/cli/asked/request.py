@@ -1,7 +1,4 @@
-"""From the words of a command line to a ``Problem`` and a posture.
-
-Options state what a file states, and go through the same schema; complaints then name the option.
-"""
+"""From the words of a command line to a ``Problem`` and a posture."""
 
 from __future__ import annotations
 
@@ -56,18 +53,7 @@ def requested_problem(
     task: str | None = None,
     **goal_options: str | None,
 ) -> Problem:
-    """The problem that the options describe.
-
-    A problem file, a robot with a task, or the built-in problem of a task; further options replace what it states.
-
-    Args:
-        problem: file or name of a built-in problem; ``robot`` preset or file, one of both.
-        task: its kind; ``goal_options`` the others of `task_options`. All are texts with units, as in a file.
-
-    Raises:
-        InputError: what the options or the file say does not fit.
-        UsageError: options that exclude each other, or none that names a robot.
-    """
+    """The problem that the options describe."""
     if problem and robot:
         raise click.UsageError("--problem and --robot both name a robot: keep one of them.")
     options = RobotOptions(robot, base_link, tip_link, sigma, tool, base, payload)
@@ -89,7 +75,6 @@ def requested_problem(
 
 
 def _goal(given: Mapping[str, str | None]) -> dict[str, Any]:
-    """Keys of the task that options state."""
     stated = {key: text for key, text in given.items() if text}
     goal: dict[str, Any] = {key: stated[key] for key in ("clearance", "tilt") if key in stated}
     goal |= {key: entries(stated[key]) for key in ("position", "direction", "tool_axis") if key in stated}
@@ -103,13 +88,6 @@ def _goal(given: Mapping[str, str | None]) -> dict[str, Any]:
 
 
 def _problem_of_robot(options: RobotOptions, task: str | None, goal: dict[str, Any]) -> Problem:
-    """The problem of ``--robot``, with a task or without.
-
-    A problem file gives robot, uncertainty and effects; a preset or URDF file the robot alone.
-
-    Raises:
-        UsageError: a target without a task.
-    """
     if goal and not task:
         raise click.UsageError("Options of a target belong to a task: name it with --task.")
     if options.is_problem_file:
@@ -124,7 +102,6 @@ def _problem_of_robot(options: RobotOptions, task: str | None, goal: dict[str, A
 
 
 def _with_sigma(problem: Problem, options: RobotOptions) -> Problem:
-    """The problem with the scatter of every joint that ``--sigma`` states, if it does."""
     if not options.sigma:
         return problem
     joints = problem.robot.joints
@@ -134,11 +111,7 @@ def _with_sigma(problem: Problem, options: RobotOptions) -> Problem:
 
 
 def with_columns(problem: Problem, columns: Mapping[str, str | int]) -> Problem:
-    """The problem that reads these columns of measurements too, in place of what its file says of them.
-
-    Raises:
-        InputError: names that no column of this robot's measurements has.
-    """
+    """The problem that reads these columns of measurements too, in place of what its file says of them."""
     if not columns:
         return problem
     former = (problem.document.get("data") or {}).get("columns") or {}
@@ -146,17 +119,7 @@ def with_columns(problem: Problem, columns: Mapping[str, str | int]) -> Problem:
 
 
 def problem_of_data(data: Path, columns: Mapping[str, str | int] | None = None, **given: str | None) -> Problem:
-    """The problem for measurements of a robot without a problem file: its frames are free.
-
-    Args:
-        data: the measurements.
-        columns: column headers, as in the section ``data``.
-        given: the fields of ``RobotOptions``.
-
-    Raises:
-        InputError: the options do not fit, or the file cannot be read.
-        UsageError: links of a preset.
-    """
+    """The problem for measurements of a robot without a problem file: its frames are free."""
     options = RobotOptions(**given)
     options.check()
     section = options.section()
@@ -168,7 +131,6 @@ def problem_of_data(data: Path, columns: Mapping[str, str | int] | None = None, 
 
 
 def _as_options(build: Callable[[], T]) -> T:
-    """What ``build`` makes; its complaints name options in place of keys of a file."""
     try:
         return build()
     except InputError as error:
@@ -187,6 +149,5 @@ def placed(problem: Problem) -> Iterator[None]:
 
 
 def _named_as_option(issue: Issue) -> Issue:
-    """An issue by the option that filled its key; as it is where a file says it."""
     option = _OPTION_OF.get(issue.key[:2])
     return replace(issue, key=(option, *issue.key[2:])) if option and not issue.file else issue

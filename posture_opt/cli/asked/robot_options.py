@@ -28,13 +28,7 @@ def names_problem_file(robot: str) -> bool:
 
 @dataclass(frozen=True)
 class RobotOptions:
-    """The options of a command that speak of the robot, as they were written.
-
-    Args:
-        robot: a preset, a URDF file, or a problem file whose robot is taken.
-        base_link, tip_link: the ends of the chain in a URDF file.
-        sigma: standard deviation of every joint; ``tool``, ``base``: frames; ``payload``: a mass.
-    """
+    """The options of a command that speak of the robot, as they were written."""
 
     robot: str | None = None
     base_link: str | None = None
@@ -45,11 +39,7 @@ class RobotOptions:
     payload: str | None = None
 
     def check(self) -> None:
-        """Whether the options fit each other.
-
-        Raises:
-            UsageError: options that need a robot, or a URDF file, that is not named.
-        """
+        """Whether the options fit each other."""
         if self.robot is None and (self.sigma or self.base_link or self.tip_link):
             raise click.UsageError(
                 "--sigma, --base-link and --tip-link go with --robot; a problem file has them inside."
@@ -69,11 +59,7 @@ class RobotOptions:
         return not self.is_problem_file and (name.lower().endswith(_ROBOT_FILES) or "/" in name or is_file(Path(name)))
 
     def section(self) -> dict[str, Any]:
-        """The section ``robot`` of a preset or a robot file, with tool, base and payload.
-
-        Raises:
-            InputError: there is no such preset, or an option holds no frame or mass.
-        """
+        """The section ``robot`` of a preset or a robot file, with tool, base and payload."""
         if self.is_robot_file:
             links = {"base_link": self.base_link, "tip_link": self.tip_link}
             found: dict[str, Any] = {"kind": "urdf", "file": self.robot}
@@ -85,11 +71,7 @@ class RobotOptions:
         return {"kind": "preset", "name": self.robot, **self.replaced()}
 
     def replaced(self) -> dict[str, Any]:
-        """Keys of the section ``robot`` that options state.
-
-        Raises:
-            InputError: no frame, no mass, or a number without its unit.
-        """
+        """Keys of the section ``robot`` that options state."""
         found: dict[str, Any] = {}
         issues: list[Issue] = []
         for key, text, read in (
@@ -113,13 +95,7 @@ class RobotOptions:
 
 
 def with_robot_options(problem: Problem, options: RobotOptions) -> Problem:
-    """The problem with the tool, base and payload of the command line in place of its own; notes say so.
-
-    Corrections of a frame that is replaced are those of another frame, and go with it.
-
-    Raises:
-        InputError: an option holds no frame or mass.
-    """
+    """The problem with the tool, base and payload of the command line in place of its own; notes say so."""
     keys = options.replaced()
     if not keys:
         return problem
@@ -137,12 +113,7 @@ def with_robot_options(problem: Problem, options: RobotOptions) -> Problem:
 
 
 def robot_of_problem_file(options: RobotOptions) -> Problem:
-    """The robot of a problem file, what is uncertain about it and its effects, without task and cell.
-
-    Raises:
-        InputError: everything wrong with the file.
-        UsageError: a scatter in addition to that of the file.
-    """
+    """The robot of a problem file, what is uncertain about it and its effects, without task and cell."""
     assert options.robot is not None
     source = load_problem(options.robot)
     document = source.to_dict()
