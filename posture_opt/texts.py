@@ -1,8 +1,12 @@
-"""Texts from outside: which characters a text may hold that reports, figures, programs and tables repeat."""
+"""Texts from outside, which reports, figures, programs and tables repeat: what they may hold, and cells of CSV files.
+
+Source of the cells: RFC 4180, section 2; OWASP, "CSV Injection".
+"""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from typing import Any
 
 from posture_opt.errors import Issue, KeyPath
@@ -62,3 +66,45 @@ def checked(data: Any, key: KeyPath = ()) -> tuple[Any, list[Issue]]:
             issues += found
         return rows, issues
     return data, issues
+
+
+_FORMULA = re.compile(r"\s*'*[=+\-@]")
+_NUMBER = re.compile(r"\s*[-+]?[\d.,'\s]*\d[\d.,'\s]*(?:[eE][-+]?\d+)?\s*|\s*[-+]?(?:nan|inf)\s*", re.IGNORECASE)
+"""Digits and the marks between them: no formula, whatever sign it begins with."""
+_GUARDED = re.compile(r"\s*'(?='*[=+\-@])")
+
+
+def csv_line(cells: Iterable[str], separator: str = ", ") -> str:
+    """One row, without its end: numbers as they are, texts so that spreadsheets and `csv.reader` take them as texts.
+
+    Between commas, semicolons are quoted too: in many countries spreadsheets take them for separators.
+
+    Behind a comma there is no blank before a quoted cell, as the quotes would be part of it then.
+
+    Example:
+        >>> csv_line(["=cmd()", "-1.5", "pin 1", "a, b"])
+        '\\'=cmd(), -1.5, pin 1,"a, b"'
+    """
+    line = ""
+    quoted = ',;"' if separator.strip() == "," else f'{separator}"'
+    for k, cell in enumerate(_csv_cell(cell, quoted) for cell in cells):
+        before = (separator.rstrip() or separator) if cell.startswith('"') else separator
+        line += (before if k else "") + cell
+    return line
+
+
+def _csv_cell(cell: str, quoted: str) -> str:
+    text = one_line(cell)
+    if _FORMULA.match(text) and not _NUMBER.fullmatch(text):
+        text = "'" + text
+    return '"' + text.replace('"', '""') + '"' if {*text} & {*quoted} else text
+
+
+def unguarded(cell: str) -> str:
+    """A text as it was before `csv_line` put an apostrophe before it.
+
+    Example:
+        >>> unguarded("'=cmd()"), unguarded("'quoted'")
+        ('=cmd()', "'quoted'")
+    """
+    return _GUARDED.sub("", cell, count=1)

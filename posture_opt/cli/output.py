@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from posture_opt.cli.asked.options import Common
+from posture_opt.cli.options import Common
 from posture_opt.cli.progress import progress_bar
 from posture_opt.output import json_text, writable_folder, write_file
 
@@ -59,8 +59,3 @@ def write_text(path: Path | None, text: str) -> None:
         click.echo(text.rstrip("\n"))
         return
     write_file(path, text.encode(), OUT)
-
-
-def write_content(path: Path, content: bytes) -> None:
-    """Write one file in one go; one of this name is replaced."""
-    write_file(path, content, OUT)

@@ -9,7 +9,7 @@ from pathlib import Path
 from textwrap import indent
 from typing import Any, get_args
 
-from posture_opt.cli.asked.robot_options import RobotOptions
+from posture_opt.cli.request import RobotOptions
 from posture_opt.collision.obstacles import OBSTACLES
 from posture_opt.errors import InputError, Issue
 from posture_opt.export import EXPORTS

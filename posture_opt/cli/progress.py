@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, TextIO
 
 import click
 
-from posture_opt.cli.asked.options import Common
+from posture_opt.cli.options import Common
 
 if TYPE_CHECKING:
     from posture_opt.numerics import Progress

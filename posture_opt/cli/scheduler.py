@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from posture_opt.cli.asked.named_values import PATH
-from posture_opt.cli.asked.options import Command, Common, add_options
+from posture_opt.cli.completion import PATH
+from posture_opt.cli.options import Command, Common, add_options
 from posture_opt.errors import InputError
 from posture_opt.files import located, naming
 from posture_opt.files import opened as opened_file

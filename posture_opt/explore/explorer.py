@@ -12,11 +12,9 @@ import numpy as np
 
 from posture_opt.collision.narrowest import narrowest
 from posture_opt.errors import InputError, Issue
-from posture_opt.explore.actions import Actions
 from posture_opt.explore.answers import Answer, Answers, Request, has_stations
-from posture_opt.explore.first_posture import posture_near
 from posture_opt.explore.live_scene import LiveScene
-from posture_opt.explore.panel import Panel
+from posture_opt.explore.panel import Actions, Panel
 from posture_opt.explore.server import served, stop
 from posture_opt.explore.taken_away import TakenAway, millimetres, places_of, position_of
 from posture_opt.measurements.measurements import Measurements
@@ -25,6 +23,7 @@ from posture_opt.problem.plain_data import Plain
 from posture_opt.problem.problem import Problem
 from posture_opt.report.scene.arm_geometry import ArmGeometry
 from posture_opt.report.scene.arm_solids import ArmSolids
+from posture_opt.robot.joint_ranges import drawn_between
 from posture_opt.robot.posture import Posture
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.uncertainty.spread.spread import Spread, propagate
@@ -265,3 +264,19 @@ def explore(
     if browser:
         webbrowser.open_new_tab(page.url)
     return page
+
+
+_POSTURES = 2000  # random ones: takes some ms
+_NEAREST = 50  # of which those that are clear of the cell are preferred
+
+
+def posture_near(problem: Problem, place: Sequence[float] | None) -> Array:
+    """A posture (n,) [rad or m] whose tool point is near a place [m]: of random ones the nearest that is clear."""
+    robot = problem.robot
+    low, high = drawn_between(robot)
+    Q = np.random.default_rng(0).uniform(low, high, (_POSTURES, robot.n))
+    points = np.asarray(problem.arm.position(Q))
+    middle = points[points[:, 0] >= min(0.0, points[:, 0].max())].mean(axis=0) if place is None else np.asarray(place)
+    away = np.linalg.norm(points - middle, axis=1)
+    Q = Q[np.argsort(away, kind="stable")[:_NEAREST]]
+    return np.asarray(Q[int(np.argmax(problem.scene.least(Q) > 0.0))])

@@ -1,13 +1,16 @@
-"""``LiveScene``: the arm at the answer, its error region, the target with its play, and the cell, on the page."""
+"""``LiveScene``: the arm at the answer, its error region, the target with its play, the cell and the camera."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from posture_opt.collision.narrowest import Gap
+from posture_opt.collision.scene import Scene
 from posture_opt.explore.drawing import (
     OPACITY,
     add_grid,
@@ -18,8 +21,6 @@ from posture_opt.explore.drawing import (
     rgb,
     wxyz,
 )
-from posture_opt.explore.live_cell import LiveCell
-from posture_opt.explore.viewpoint import look_at
 from posture_opt.numerics import Array
 from posture_opt.report.interactive.triangles import Triangles, arrow
 from posture_opt.report.page.colours import BLUE, PURPLE, VERMILLION
@@ -29,7 +30,9 @@ from posture_opt.report.scene.arm_geometry import (
     ErrorRegion,
     TargetGeometry,
     enlargement,
+    extent_of,
     frame_along,
+    obstacles_near,
 )
 from posture_opt.report.scene.arm_solids import COLOURS, ArmSolids
 from posture_opt.uncertainty.simulation.cloud import cloud_of
@@ -39,6 +42,57 @@ if TYPE_CHECKING:
 
     from posture_opt.selection.answer.solution import Solution
     from posture_opt.uncertainty.spread.spread import Spread
+
+
+class LiveCell:
+    """What stands around the arm.
+
+    Args:
+        moved: called with the place (3,) [m] that the chosen obstacle is dragged to.
+    """
+
+    def __init__(self, server: viser.ViserServer, geometry: ArmGeometry, moved: Callable[[Array], None]) -> None:
+        self._server, self._points = server, geometry.points
+        self._drawn: dict[str, tuple[object, Any]] = {}
+        if geometry.floor is not None:
+            add_solid(server, "/cell/floor", geometry.floor)
+        self._gap: Any = None
+        self._label: Any = None
+        self.handle: Any = add_handle(server, "/obstacle", geometry.planar, visible=False)
+
+        @self.handle.on_update
+        async def _(event: Any) -> None:
+            moved(np.array(event.target.position, dtype=float))
+
+    def show(self, scene: Scene) -> None:
+        """The obstacles of a cell; those that stand as before are not sent again."""
+        stated = {obstacle.name: obstacle.model_dump() for obstacle in scene.stated_obstacles}
+        for name in [name for name, (obstacle, _) in self._drawn.items() if stated.get(name) != obstacle]:
+            self._drawn.pop(name)[1].remove()
+        for solid in obstacles_near(scene, self._points):
+            if solid.name not in self._drawn:
+                node = f"/cell/{list(stated).index(solid.name)}"
+                self._drawn[solid.name] = stated[solid.name], add_solid(self._server, node, solid)
+
+    def choose(self, place: Array | None) -> None:
+        """The handle at the place (3,) [m] of the chosen obstacle; None hides it."""
+        self.handle.visible = place is not None
+        if place is not None:
+            self.handle.position = tuple(place)
+
+    def show_gap(self, gap: Gap | None) -> None:
+        """The narrowest gap as a segment with its length."""
+        if gap is None:
+            self._server.scene.remove_by_name("/gap")
+            self._label = None
+            return
+        ends, words = np.stack([gap.start, gap.end]), f"{1e3 * gap.distance:.1f} mm to {gap.between[1]}"
+        add_lines(self._server, "/gap/line", ends[None], VERMILLION, 4.0)
+        middle = tuple(ends.mean(axis=0))
+        if self._label is None:
+            self._label = self._server.scene.add_label("/gap/label", words, position=middle, anchor="bottom-center")
+        self._label.text, self._label.position = words, middle
+
 
 _PALE = 0.25  # opacity of the last posture where there is none for the target
 _DRAWS = 2000  # of the Monte Carlo cloud: takes 2 ms
@@ -186,3 +240,33 @@ class LiveScene:
             moved(np.array(event.target.position, dtype=float), event.phase == "end")
 
         return handle
+
+
+_FIELD = math.radians(50.0)  # of view, from the lowest to the highest
+_VIEW = np.array([0.9, -1.35, 0.9])  # from the middle of the arm to the viewer, in extents: room for the arm to move
+_VIEW_ONTO_PLANE = np.array([0.0, -1e-3, 2.0])
+_SAME = 0.01  # of the extent: places of the camera that are the same
+
+
+def look_at(server: viser.ViserServer, planar: bool, points: Array) -> None:
+    """Have all points (k, 3) [m] seen, from above where the arm moves in a plane."""
+    middle, extent = (points.min(axis=0) + points.max(axis=0)) / 2, extent_of(points)
+    offset = extent * (_VIEW_ONTO_PLANE if planar else _VIEW)
+    server.scene.set_up_direction("+y" if planar else "+z")
+    first = server.initial_camera
+    first.look_at, first.fov, first.position = middle, _FIELD, middle + offset
+
+    @server.on_client_connect
+    async def _(client: Any) -> None:
+        stood = [1.0, 1.0]  # how far off it stands at first and stood last, in offsets
+
+        async def fit(camera: Any) -> None:
+            now, wanted = camera.position - middle, max(1.0, camera.image_height / max(camera.image_width, 1))
+            there = any(np.linalg.norm(now - far * offset) < _SAME * extent for far in stood)
+            if there and np.linalg.norm(now - wanted * offset) > _SAME * extent:
+                stood[1] = wanted
+                with client.atomic():
+                    camera.position = middle + wanted * offset
+                    camera.look_at = middle
+
+        client.camera.on_update(fit)

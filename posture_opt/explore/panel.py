@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from posture_opt.explore.actions import Actions
-from posture_opt.explore.answers import Answer, has_stations
-from posture_opt.explore.following import all_but_position
+from posture_opt.explore.answers import Answer, all_but_position, has_stations
 from posture_opt.explore.live_map import LiveMap
 from posture_opt.explore.live_scene import Layers
 from posture_opt.explore.measured import Measured
@@ -20,6 +19,7 @@ from posture_opt.explore.obstacles_panel import ObstaclesPanel
 from posture_opt.explore.stations import Stations
 from posture_opt.explore.task_panel import TaskPanel
 from posture_opt.numerics import Array
+from posture_opt.problem.plain_data import Plain
 from posture_opt.problem.problem import Problem
 from posture_opt.report.page.colours import BLUE, LIGHT
 from posture_opt.statements.notation import length, sentence
@@ -32,6 +32,29 @@ if TYPE_CHECKING:
     from posture_opt.selection.answer.solution import Solution
     from posture_opt.uncertainty.spread.budget_groups import ShareGroup
     from posture_opt.uncertainty.spread.spread import Spread
+
+
+@dataclass(frozen=True)
+class Actions:
+    """What the controls call.
+
+    Args:
+        moved: with the place (3,) [m] that the target was typed to.
+        turned: with the posture (n,) [rad or m] that the joints were set to; with None, to go back to the best.
+        chosen: with the place (3,) [m] of the obstacle that was chosen; None for none.
+    """
+
+    moved: Callable[[Array], None]
+    changed: Callable[[str, dict[str, Plain]], bool]
+    turned: Callable[[tuple[float, ...] | None], None]
+    redraw: Callable[[], None]
+    chosen: Callable[[Array | None], None]
+    save: Callable[[], str]
+    report: Callable[[], str]
+    picture: Callable[[Any], str]
+    asked: Callable[[], Problem]
+    command: Callable[[], str]
+
 
 _FIRST = "Searching …"
 _WAITING = "No posture found yet; the full search goes on …"

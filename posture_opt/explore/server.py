@@ -1,21 +1,137 @@
-"""The server of the page: viser, behind a gate."""
+"""The server of the page: viser, behind a gate that says who may open it."""
 
 from __future__ import annotations
 
+import gzip
 import io
 import ipaddress
 import secrets
 import socket
-from contextlib import redirect_stdout
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass
+from html import escape
+from http import HTTPStatus
 from importlib import import_module
-from typing import TYPE_CHECKING
+from threading import Lock
+from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
 
 from posture_opt.errors import InputError, Issue
-from posture_opt.explore.gate import Gate, is_this_machine
 
 if TYPE_CHECKING:
     import viser
+
+Answer = Callable[[Any, Any], Any]
+"""A connection and its request -> a response; None where the web socket is opened."""
+
+_ALIVE = "/alive"
+_SCRIPT = """<script>
+addEventListener("DOMContentLoaded", () => {
+  const say = (text) => {
+    if (document.getElementById("posture-opt-says")) return;
+    const bar = document.createElement("p");
+    bar.id = "posture-opt-says"; bar.setAttribute("role", "alert"); bar.textContent = text;
+    bar.style.cssText = "position:fixed;z-index:10000;left:0;right:0;top:0;margin:0;padding:12px;" +
+      "font:16px sans-serif;background:#D55E00;color:white;text-align:center";
+    document.body.append(bar);
+  };
+  if (!document.createElement("canvas").getContext("webgl2"))
+    say("This browser has no WebGL 2, so the arm cannot be drawn: " +
+        "switch on hardware acceleration, or use another browser.");
+  const ask = () => fetch(location.href.split("?")[0].replace(/\\/?$/, "/alive")).then(() => {
+    const bar = document.getElementById("posture-opt-says");
+    if (bar && bar.dataset.ended) location.reload();
+  }, () => {
+    say("The program that serves this page has ended: nothing is computed any more.");
+    document.getElementById("posture-opt-says").dataset.ended = "true";
+  });
+  setInterval(ask, 2000);
+});
+</script></head>"""
+_serving = Lock()
+
+
+class Gate:
+    """Lets requests through that come from the page itself and, where there is a token, know it."""
+
+    def __init__(self, token: str, title: str) -> None:
+        self.token: str = token
+        self._title = title
+        self.closed: bool = False
+        self._page: bytes | None = None
+
+    @contextmanager
+    def before(self) -> Iterator[None]:
+        """Stands before the server that is started meanwhile; ``closed`` says whether it does."""
+        with _serving:
+            library = import_module("websockets.asyncio.server")
+            serve = library.serve
+
+            def gated(*given: Any, process_request: Answer, **named: Any) -> Any:
+                self.closed = True
+                return serve(*given, process_request=self._around(process_request), **named)
+
+            library.serve = gated  # type: ignore[attr-defined]
+            try:
+                yield
+            finally:
+                library.serve = serve  # type: ignore[attr-defined]
+
+    def _around(self, answer: Answer) -> Answer:
+        messages = import_module("websockets.http11")
+        headers = import_module("websockets.datastructures").Headers
+
+        def respond(status: HTTPStatus, body: bytes, **named: str) -> Any:
+            found = headers(**{"Content-Length": str(len(body)), "Content-Type": "text/plain; charset=utf-8"})
+            for name, value in named.items():
+                found[name.replace("_", "-")] = value
+            return messages.Response(status.value, status.phrase, found, body)
+
+        def asked(connection: Any, request: Any) -> Any:
+            path = self._path(request.path.partition("?")[0])
+            if path is None or not self._from_here(request.headers):
+                return respond(HTTPStatus.FORBIDDEN, b"Open the page at the whole address that the program printed.")
+            if path == _ALIVE:
+                return respond(HTTPStatus.OK, b"alive")
+            found = answer(connection, messages.Request(path, request.headers))
+            if found is None or path != "/" or found.status_code != HTTPStatus.OK:
+                return found
+            return respond(HTTPStatus.OK, self._with_script(found), Content_Type="text/html; charset=utf-8",
+                           Content_Encoding="gzip", Referrer_Policy="no-referrer")  # fmt: skip
+
+        return asked
+
+    def _path(self, path: str) -> str | None:
+        if not self.token:
+            return path
+        first, _, rest = path.removeprefix("/").partition("/")
+        return f"/{rest}" if secrets.compare_digest(first.encode(), self.token.encode()) else None
+
+    def _from_here(self, headers: Any) -> bool:
+        host, origin = headers.get("Host", ""), headers.get("Origin")
+        if origin is not None and urlsplit(origin).netloc != host:
+            return False
+        return bool(self.token) or is_this_machine(urlsplit(f"//{host}").hostname or "")
+
+    def _with_script(self, found: Any) -> bytes:
+        if self._page is None:
+            zipped = found.headers.get("Content-Encoding") == "gzip"
+            page = gzip.decompress(found.body) if zipped else found.body
+            page = page.replace(b"<title>Viser</title>", f"<title>{escape(self._title)}</title>".encode(), 1)
+            self._page = gzip.compress(page.replace(b"</head>", _SCRIPT.encode(), 1))
+        return self._page
+
+
+def is_this_machine(host: str) -> bool:
+    """Whether an address is reached from this machine alone."""
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
 
 INSTALL = "pip install 'posture_opt[explore]'"
 """What brings the live page."""

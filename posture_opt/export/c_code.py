@@ -8,8 +8,7 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from posture_opt.export.export_format import Exported, ExportFormat, ExportSource
-from posture_opt.export.objective_note import objective_or_note
+from posture_opt.export.export_format import Exported, ExportFormat, ExportSource, objective_or_note
 from posture_opt.model.c_rows import literal
 from posture_opt.model.c_source import c_source
 from posture_opt.model.compiled import BatchFunction

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import ClassVar, Literal
 
-from posture_opt.csv_text import csv_line
 from posture_opt.export.export_format import Exported, ExportFormat, ExportSource
+from posture_opt.texts import csv_line
 
 _EFFECTS_NOTE = "the effects of the arm are no parameters of its geometry and are left out"
 

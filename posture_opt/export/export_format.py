@@ -7,10 +7,11 @@ from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from posture_opt.errors import InputError, Issue
 from posture_opt.export.robot_program import MotionRequest, RobotProgram, answer_programs
+from posture_opt.selection.answer.task_objective import task_objective
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.select_posture import select_posture
 from posture_opt.spec import Spec
@@ -82,3 +83,19 @@ class ExportFormat(Spec):
         if (name if self.case_counts else name.lower()) in words:
             raise InputError(Issue(f"{name!r} is a word of the language itself", ("--name",), name, f"use {name}_1"))
         return name
+
+
+_NO_TASK = "the problem has no task: there is no objective to export"
+_SEVERAL_TARGETS = (
+    "the task has several targets, so no single objective is exported: write one for one of them with --position"
+)
+_WORKPIECE_ERRS = "the objective counts the errors of the workpiece; the covariance is that of the arm alone"
+
+
+def objective_or_note(problem: ProblemData) -> tuple[tuple[Any, dict[str, str]] | None, tuple[str, ...]]:
+    """The function of `task_objective` with its descriptions, and sentences on what is left out or counted."""
+    if problem.task is None:
+        return None, (_NO_TASK,)
+    if problem.task.features or problem.task.on_path:
+        return None, (_SEVERAL_TARGETS,)
+    return task_objective(problem), () if problem.workpiece_sources.empty else (_WORKPIECE_ERRS,)

@@ -37,7 +37,7 @@ _WORDS = """
 
 
 class Krl(ProgramFormat):
-    """A program of a KUKA controller: ``PTP`` to axis values [deg, mm], exact stops, speed and acceleration in percent."""
+    """A program of a KUKA controller: ``PTP`` to axis values [deg, mm], exact stops, speed in percent."""
 
     summary: ClassVar[str] = "program of a KUKA controller (PTP, LIN, degrees): .src and .dat"
     maker: ClassVar[str] = "KUKA"

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from abc import abstractmethod
 from dataclasses import replace
 from typing import ClassVar
 
 from posture_opt.errors import InputError, Issue
 from posture_opt.export.export_format import Exported, ExportFormat, ExportSource
-from posture_opt.export.maker import maker_of
 from posture_opt.export.robot_program import RobotProgram, plain
 from posture_opt.robot.robot import Robot
 
@@ -79,3 +79,28 @@ def seconds(value: float) -> str:
     """A time as a plain number with a decimal point: 2.0, 0.25."""
     text = f"{value:.3f}".rstrip("0")
     return text + "0" if text.endswith(".") else text
+
+
+MAKERS = {
+    "Universal Robots": r"universal robots|(?<![a-z])ur ?\d+e?(?![a-z0-9])",
+    "KUKA": r"kuka|iiwa|(?<![a-z])(kr|lbr) ?\d",
+    "ABB": r"(?<![a-z])abb(?![a-z])|(?<![a-z])(irb|crb) ?\d|gofa|yumi",
+    "FANUC": r"fanuc|lr ?mate|(?<![a-z])crx",
+    "Yaskawa": r"yaskawa|motoman|(?<![a-z])gp\d",
+    "Stäubli": r"st(ä|ae|a)ubli|(?<![a-z])(tx2?|rx) ?-?\d",
+    "Franka Emika": r"franka|panda|(?<![a-z])fr3",
+    "Kinova": r"kinova|(?<![a-z])(gen3|jaco|j2[ns])",
+    "UFACTORY": r"ufactory|xarm",
+    "Doosan": r"doosan",
+    "DENSO": r"denso",
+    "Epson": r"epson",
+    "Unitree": r"unitree|(?<![a-z])z1",
+    "Unimation": r"unimation|puma",
+}
+"""Maker -> what names of its arms hold, in lower case, blanks for other characters than letters and digits."""
+
+
+def maker_of(name: str) -> str:
+    """The maker of an arm of this name; empty where the name does not say."""
+    plain = re.sub(r"[\W_]+", " ", name.lower())
+    return next((maker for maker, pattern in MAKERS.items() if re.search(pattern, plain)), "")

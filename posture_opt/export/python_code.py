@@ -10,8 +10,7 @@ from collections.abc import Mapping
 from typing import ClassVar, Literal
 
 from posture_opt import __version__
-from posture_opt.export.export_format import Exported, ExportFormat, ExportSource
-from posture_opt.export.objective_note import objective_or_note
+from posture_opt.export.export_format import Exported, ExportFormat, ExportSource, objective_or_note
 from posture_opt.model.python_source import python_source
 from posture_opt.texts import one_line
 from posture_opt.uncertainty.spread.spread_function import spread_expressions

@@ -11,10 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from posture_opt import __version__
+from posture_opt.compensation.compensation import Compensation
 from posture_opt.errors import NoSolutionError, listed
-from posture_opt.export.arrival_stops import with_arrivals
-from posture_opt.export.arrivals import task_sides
-from posture_opt.export.fixed_pose import fixed_pose
+from posture_opt.experiments.measurement_plan import MeasurementPlan
 from posture_opt.export.tool_moves import (
     DEFAULT_APPROACH_M,
     REDUCED_SPEED,
@@ -22,8 +21,12 @@ from posture_opt.export.tool_moves import (
     Stop,
     blocked_legs,
     path_moves,
+    runs,
+    task_sides,
+    with_arrivals,
     with_way,
 )
+from posture_opt.model.chain import fixed_pose
 from posture_opt.numerics import Array
 from posture_opt.robot.posture import joints_at_limits
 from posture_opt.robot.robot import Robot
@@ -255,3 +258,28 @@ def plain(text: str) -> str:
     """A line of printable ASCII: what controllers read as a comment."""
     swapped = text.translate(str.maketrans("–—σ°µ·×", "--sduxx"))
     return "".join(c if " " <= c <= "~" else " " if c.isspace() else "?" for c in swapped)
+
+
+_KEPT_ORDER_NOTE = "Keep the order of the stops: from another side the joints arrive elsewhere."
+
+
+def compensated_program(
+    found: Compensation, speed: float = 10.0, wait: float = 0.0, approach: float | None = None
+) -> RobotProgram:
+    """The program through compensated targets, in their order, each arrived at from the side that it was found for."""
+    problem, labels = found.problem, [f"line {line}" for line in found.targets.line]
+    asked = MotionRequest(speed, wait, approach)
+    sides = np.where(runs(problem) > 0, found.side, 0.0)
+    program = posture_program(problem, "compensated targets", found.q, labels, asked, sides)
+    order = (_KEPT_ORDER_NOTE,) if problem.arm.effects else ()
+    return replace(program, notes=(*order, *program.notes))
+
+
+def measuring_program(plan: MeasurementPlan, speed: float = 10.0, wait: float = 2.0) -> RobotProgram:
+    """The program that visits the postures to measure and waits at each, round by round."""
+    rounds = [f"posture {k}" for k in range(1, len(plan.q) + 1)]
+    labels = [f"{label}, round {n}" for n in range(1, plan.repeats + 1) for label in rounds]
+    q = np.tile(plan.q, (plan.repeats, 1))
+    return program_through(
+        plan.problem, "postures to measure", q, labels if plan.repeats > 1 else rounds, speed=speed, wait=wait
+    )

@@ -14,12 +14,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from posture_opt.export.arrivals import from_sides
+from posture_opt.errors import NoSolutionError, listed
 from posture_opt.model.arm import Arm
-from posture_opt.numerics import Array, Codes
+from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.selection.answer.held_joints import held_joints
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.search.search_outcome import is_clear
+from posture_opt.uncertainty.spread.joint_digits import joint_digits
 
 REDUCED_SPEED = 0.25
 """Speed of the tool point [m/s] at 100 % where the task states none: the reduced speed of ISO 10218-1."""
@@ -170,3 +171,105 @@ def blocked_legs(problem: ProblemData, stops: Sequence[Stop]) -> list[str]:
         if len(shares) and not is_clear(problem.scene, (1 - shares) * a.q + shares * b.q).all():
             found.append(f"{a.label or 'the stop'} to {b.label or 'the stop'}")
     return found
+
+
+_RUN_RAD = math.radians(2.0)
+"""Way of a joint to its stop [rad]: many times the play of any gear."""
+_TRAVELS = 3.0
+"""Times the travel of a hysteresis that a joint comes: all but a twentieth of it is reached then."""
+_LAST_MOVE_RAD = math.radians(0.01)
+"""Least move of such a joint on the line to a stop [rad]: it only has to go on as it came to the line's beginning."""
+_ROUNDINGS = 2.0
+"""Steps of the digits of a program that this is at least."""
+_MAX_SLANT = 0.05
+"""Sideways shift of an approach point for that, as a share of the line."""
+
+
+def runs(problem: ProblemData) -> Array:
+    """(n,) how far each joint should come to its stop from one side [rad]; zero where no effect depends on it."""
+    sided = [effect for effect in problem.arm.effects if "approach" in effect.needs]
+    ways = dict.fromkeys(problem.robot.joint_names, 0.0)
+    for effect in sided:
+        ways[effect.target] = max(ways[effect.target], _RUN_RAD, _TRAVELS * getattr(effect, "travel", 0.0))
+    return np.array(list(ways.values()))
+
+
+def task_sides(problem: ProblemData) -> Array:
+    """(n,) the sides that the task states, of joints that an effect of theirs depends on them; else 0."""
+    inputs, names = problem.arm.inputs, problem.robot.joint_names
+    sides = [float(inputs.side(j)) if name in inputs.stated else 0.0 for j, name in enumerate(names)]
+    return np.where(runs(problem) > 0, sides, 0.0)
+
+
+def side_words(problem: ProblemData, sides: Array, which: Mask) -> str:
+    """Joints (n,) with the sides that they are to arrive from."""
+    names = problem.robot.joint_names
+    ways = ["increasing" if side > 0 else "decreasing" for side in sides.tolist()]
+    return ", ".join(f"{names[j]} with {ways[j]} values" for j in np.flatnonzero(which))
+
+
+def from_sides(problem: ProblemData, start: Array, q: Array, sides: Array, length: float, name: str) -> Array:
+    """The beginning (n,) of a line of ``length`` [m] to ``q`` (n,), moved until joints go on to their sides on it."""
+    least = max(_LAST_MOVE_RAD, _ROUNDINGS * joint_digits(problem, q).turn)
+    against = (sides != 0) & (sides * (q - start) < least)
+    moved = np.where(against, q - sides * least, start)
+    shift = np.asarray(problem.arm.jacobian(start), dtype=float)[:3] @ (moved - start)
+    if np.linalg.norm(shift) > _MAX_SLANT * length:
+        names = listed(problem.robot.joint_names[j] for j in np.flatnonzero(against))
+        raise NoSolutionError(
+            f"the way in{name} moves {names} against the side that the answer holds for: state the other side "
+            "(task: approach), or come to the stop joint by joint (--approach 0)"
+        )
+    return np.asarray(moved)
+
+
+_SHARES = (1.0, 0.5, 0.25)
+"""Of a run, where the arm is not clear at its start, or a joint would leave its limits."""
+
+
+def with_arrivals(problem: ProblemData, stops: Sequence[Stop]) -> tuple[list[Stop], list[str]]:
+    """Stops with further ones in front of those that are driven to joint by joint, each arrived at from its sides."""
+    run, came = runs(problem), np.full(problem.robot.n, np.nan)
+    rows: list[Stop] = []
+    notes: list[str] = []
+    on_lines: list[str] = []
+    for k, stop in enumerate(stops):
+        if k:
+            move = np.sign(stop.q - stops[k - 1].q)
+            came = np.where(move != 0, move, came)
+        wrong: Mask = (run > 0) & (stop.sides != 0) & (came != stop.sides)
+        if wrong.any() and stop.move.line:
+            on_lines.append(stop.label)
+        elif wrong.any():
+            told, side = side_words(problem, stop.sides, wrong), np.where(wrong, stop.sides, 0.0)
+            start = _clear_start(problem, stop.q, side * run)
+            came = np.where(wrong, stop.sides, came)
+            if start is None:
+                notes.append(f"Before {stop.label}: drive so that {told} arrives; no stop in front of it is clear.")
+            else:
+                rows.append(Stop(start, f"before {stop.label}: {told}".strip(), Move(waits=False), 0.0 * side))
+        rows.append(stop)
+    if on_lines:
+        notes.append(f"Joints come to {listed(on_lines)} from another side than the answer holds for.")
+    added = len(rows) - len(stops)
+    return rows, [*([_added_note(problem, rows)] if added else []), *notes]
+
+
+def _added_note(problem: ProblemData, stops: Sequence[Stop]) -> str:
+    tool = np.asarray(problem.arm.position(np.array([stop.q for stop in stops])), dtype=float)
+    pairs = zip(pairwise(stops), np.linalg.norm(np.diff(tool, axis=0), axis=1), strict=True)
+    away = 1e3 * max(gap for (a, _), gap in pairs if a.label.startswith("before"))
+    return (
+        f"Stops in front of some others, up to {away:.0f} mm beside them, bring joints in from the side that their "
+        "values hold for: keep them, and see that there is room."
+    )
+
+
+def _clear_start(problem: ProblemData, q: Array, way: Array) -> Array | None:
+    """A posture (n,) from which joints come to q (n,) along a ``way`` (n,) [rad]; None where none is clear."""
+    lower, upper = np.array(problem.robot.lower), np.array(problem.robot.upper)
+    for share in _SHARES:
+        start = q - share * way
+        if np.all((lower <= start) & (start <= upper)) and bool(is_clear(problem.scene, start[None])[0]):
+            return np.asarray(start)
+    return None

@@ -7,8 +7,8 @@ import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
-from posture_opt.csv_text import unguarded
 from posture_opt.measurements.text_lines import TextLine
+from posture_opt.texts import unguarded
 
 BLANKS = " "
 """Separator of cells between which there are blanks, one or more."""

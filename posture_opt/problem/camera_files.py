@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 import yaml
 
-from posture_opt.csv_text import unguarded
 from posture_opt.errors import BadValueError, InputError, Issue
 from posture_opt.files import content, located, naming
 from posture_opt.measurements.data_section import DataSpec
 from posture_opt.measurements.layout import BRACKETED_HEADER
 from posture_opt.measurements.pinhole import Intrinsics
 from posture_opt.measurements.table import open_table
+from posture_opt.texts import unguarded
 from posture_opt.units import parse_quantity
 
 _MAX_BYTES = 1_000_000

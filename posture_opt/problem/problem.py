@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from posture_opt import explorer_of
 from posture_opt.errors import InputError, Issue, KeyPath
 from posture_opt.files import content, located, naming
 from posture_opt.model.effects import Effect
@@ -33,7 +34,6 @@ from posture_opt.problem.replacing import kept_of_task, replaced_data
 from posture_opt.problem.schema import ProblemSpec
 from posture_opt.problem.second_arms import second_document
 from posture_opt.problem.yaml_source import ProblemDocument
-from posture_opt.registration import registered
 from posture_opt.robot.urdf_reader import MAX_BYTES
 from posture_opt.selection.fitted_arm import FittedArm
 from posture_opt.selection.problem_data import ProblemData
@@ -250,7 +250,7 @@ class Problem(ProblemData):
         Raises:
             InputError: no task, or viser is missing (``pip install 'posture_opt[explore]'``).
         """
-        page: LivePage = registered("explorer", self)(port=port, browser=browser, data=data)
+        page: LivePage = explorer_of(self)(port=port, browser=browser, data=data)
         return page
 
     def to_dict(self) -> Section:

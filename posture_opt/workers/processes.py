@@ -109,7 +109,7 @@ def _losses_counted(lost: int) -> int:
 
 
 def _serve_parts(pipe: Connection, parent: int) -> None:
-    """What a worker does: receive a part, compute it, send ``(True, result)`` or ``(False, error)``, until it is ended."""
+    """The loop of a worker: receive a part, compute it, send ``(True, result)`` or ``(False, error)``."""
     # An interrupt from the keyboard goes to all processes: the parent answers for them.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     for name in ("SIGTERM", "SIGHUP", "SIGALRM"):

@@ -51,3 +51,12 @@ def worked(part: Part[S, T, R], shared: S, item: T) -> R:
     """``part(shared, item)``, and no other part at the same time in this process: solvers are not made for threads."""
     with _PART_LOCK:
         return part(shared, item)
+
+
+class Serial(Workers):
+    """Works on one part after the other, in this process."""
+
+    def run(self, part: Part[S, T, R], shared: S, items: Sequence[T]) -> Iterator[tuple[int, R]]:
+        """As of `Workers`, in the order of the items."""
+        for k, item in enumerate(items):
+            yield k, worked(part, shared, item)

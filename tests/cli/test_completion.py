@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner
 
 import posture_opt
-from posture_opt.cli.asked.named_values import TASK, completed_files
+from posture_opt.cli.completion import TASK, completed_files
 from posture_opt.cli.main import COMMANDS, main
 from posture_opt.export import ARM_FORMATS, PROGRAM_FORMATS
 from posture_opt.export.export_files import export_kinds, program_kinds

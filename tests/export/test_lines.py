@@ -14,7 +14,7 @@ import yaml
 
 import posture_opt as po
 from posture_opt.export.export_files import program_files
-from posture_opt.export.maker import maker_of
+from posture_opt.export.program_format import maker_of
 from posture_opt.export.robot_program import MotionRequest, answer_program
 from tests.export.programs import READERS
 

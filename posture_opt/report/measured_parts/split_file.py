@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from posture_opt.csv_text import csv_line
 from posture_opt.measurements.columns import AXES
 from posture_opt.measurements.kinds.pose_columns import QUATERNION
 from posture_opt.statements.notation import joint_unit
+from posture_opt.texts import csv_line
 
 if TYPE_CHECKING:
     from posture_opt.diagnosis.diagnosis import Diagnosis

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from posture_opt.csv_text import csv_line
+from posture_opt.texts import csv_line
 
 if TYPE_CHECKING:
     from posture_opt.report.page.presenter import Columns

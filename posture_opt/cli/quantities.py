@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 
 from posture_opt.errors import BadValueError, InputError, Issue, did_you_mean
 from posture_opt.robot.robot import Joint, Robot
@@ -17,7 +17,10 @@ def joint_sigmas(text: str, joints: tuple[Joint, ...]) -> dict[str, str]:
     given: dict[str, str] = {}
     issues: list[Issue] = []
     for entry in entries(text):
-        kind = _joint_type(entry, given, joints)
+        if is_bare_zero(entry):  # for joints of which nothing was said before
+            kind = next((joint.type for joint in joints if joint.type not in given), "revolute")
+        else:
+            kind = "prismatic" if _is_length(entry) else "revolute"
         try:
             _check(entry, kind, given, joints)
         except BadValueError as error:
@@ -54,12 +57,6 @@ def exact_note(joints: tuple[Joint, ...], sigma: dict[str, str]) -> tuple[str, .
 
 def _own_parameter(joint: Joint) -> str:
     return f"{joint.name}.{'theta' if joint.type == 'revolute' else 'd'}"
-
-
-def _joint_type(entry: str, given: Mapping[str, str], joints: tuple[Joint, ...]) -> str:
-    if is_bare_zero(entry):
-        return next((joint.type for joint in joints if joint.type not in given), "revolute")
-    return "prismatic" if _is_length(entry) else "revolute"
 
 
 def _is_length(text: str) -> bool:
@@ -114,21 +111,20 @@ def columns_of(given: Iterable[str]) -> dict[str, str | int]:
     return found
 
 
-def payload_of(text: str) -> str:
-    """The mass that ``--payload`` states."""
+def quantity_of(option: str, text: str, dimension: str = "length") -> float:
+    """The quantity [SI] that an option states."""
     try:
-        parse_quantity(text, "mass")
+        return parse_quantity(text, dimension)
     except BadValueError as error:
-        raise InputError(error.issue(("--payload",), text)) from None
-    return text
+        raise InputError(error.issue((option,), text)) from None
 
 
-def height_of(text: str) -> float:
-    """The height [m] that ``--link-height`` states."""
-    try:
-        return parse_quantity(text, "length")
-    except BadValueError as error:
-        raise InputError(error.issue(("--link-height",), text)) from None
+def distance_of(option: str, text: str) -> float:
+    """A length [m] that is not negative."""
+    value = quantity_of(option, text)
+    if value < 0:
+        raise InputError(Issue("a distance is not negative", (option,), text, "write for example 50 mm"))
+    return value
 
 
 def requested_posture(text: str, robot: Robot) -> dict[str, float]:
@@ -192,14 +188,3 @@ def corner(option: str, text: str | None, issues: list[Issue]) -> tuple[float, f
             Issue(f"a corner has three coordinates, {len(parts)} are given", (option,), text, "0.3 m, 0.1 m, 0.2 m")
         )
     return (values[0], values[1], values[2]) if len(values) == 3 else None
-
-
-def distance_of(option: str, text: str) -> float:
-    """A distance with its unit, as of ``--approach "50 mm"`` [m]."""
-    try:
-        value = parse_quantity(text, "length")
-        if value < 0:
-            raise BadValueError("a distance is not negative", "write for example 50 mm")
-    except BadValueError as error:
-        raise InputError(error.issue((option,), text)) from None
-    return value

@@ -10,7 +10,7 @@ from typing import Any
 
 import click
 
-from posture_opt.cli.asked.named_values import PATH, PROBLEM, ROBOT, TASK
+from posture_opt.cli.completion import PATH, PROBLEM, ROBOT, TASK
 
 Command = Callable[..., Any]
 FRAME_HELP = '"0, 0, 150 mm" or, with roll, pitch, yaw, "0, 0, 150 mm, 0, 0, 90 deg".'
