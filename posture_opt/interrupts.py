@@ -13,10 +13,10 @@ from contextlib import ContextDecorator, contextmanager, suppress
 from types import FrameType, TracebackType
 from typing import Any
 
+# Signals whose handlers may raise; those that a system lacks are skipped.
 _SIGNAL_NAMES = ("SIGINT", "SIGTERM", "SIGHUP", "SIGALRM", "SIGUSR1", "SIGUSR2")
-"""Signals whose handlers may raise; those that a system lacks are skipped."""
+# Period [s] after which an exception that was swallowed is raised again: unnoticed, yet time to clean up.
 _RAISE_AGAIN_S = 0.05
-"""Period [s] after which an exception that was swallowed is raised again: unnoticed, yet time to clean up."""
 
 
 class interruptible(ContextDecorator):  # noqa: N801 # it reads as what it makes of a function

@@ -75,10 +75,10 @@ MOST_COMPENSATED = Budget("targets", 50_000, "`compensate`", "5 ms, 3 kB", "make
 MOST_PIXELS = Budget("pixels", 25_000_000, "a picture of `detect`", "0.5 µs, up to 200 bytes", "scale it down")
 MOST_BOARD_POINTS = Budget("points", 2_500, "`detect --board`", "less than a picture's pixels", "is it columns x rows?")
 
+# All of them, as the reference lists them.
 LIMITS: tuple[Budget, ...] = (
     MOST_JOINTS, MOST_CAPSULES, MOST_OBSTACLES, MOST_EFFECTS, MOST_FEATURES, MOST_PATH_POINTS, MOST_STARTS,
     MOST_MAP_TARGETS, MOST_SAMPLES, MOST_PROBLEM_FILES, MOST_CELLS, MOST_FITTED, MOST_SEARCHED, MOST_PLACES,
     MOST_ROBOTS, MOST_FOLDS, MOST_PLANNED, MOST_CANDIDATES, MOST_COMPENSATED,
     MOST_PIXELS, MOST_BOARD_POINTS,
 )  # fmt: skip
-"""All of them, as the reference lists them."""

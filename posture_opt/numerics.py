@@ -10,18 +10,14 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-"""Real numbers; the docstring of a function states which shape and unit."""
-Codes = NDArray[np.intp]
-"""Whole numbers that index rows or name groups of them."""
-Mask = NDArray[np.bool_]
-"""True where something holds."""
-TURN = 2 * math.pi
-"""One full turn [rad]."""
+Array = NDArray[np.float64]  # Real numbers; the docstring of a function states which shape and unit
+Codes = NDArray[np.intp]  # Whole numbers that index rows or name groups of them
+Mask = NDArray[np.bool_]  # True where something holds
+TURN = 2 * math.pi  # One full turn [rad]
+# What a JSON document holds: plain values, lists and objects of them.
 Json: TypeAlias = "bool | int | float | str | Sequence[Json] | Mapping[str, Json] | None"
-"""What a JSON document holds: plain values, lists and objects of them."""
+# Receives ``(done, total)``: how many of how many parts of a computation are done.
 Progress = Callable[[int, int], None]
-"""Receives ``(done, total)``: how many of how many parts of a computation are done."""
 
 
 def finite_or_none(value: float) -> float | None:
@@ -44,8 +40,7 @@ def rms_length(vectors: Array) -> float:
     return float(np.sqrt(np.mean(np.sum(np.square(vectors), axis=1))))
 
 
-_CLEAR_RANK = 1e-9
-"""Of the largest eigenvalue of a Gram matrix: above it the rank is full beyond doubt."""
+_CLEAR_RANK = 1e-9  # Of the largest eigenvalue of a Gram matrix: above it the rank is full beyond doubt
 
 
 def factored_columns(A: Array) -> tuple[Array, Array] | None:

@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 
 PREFIX = ".posture_opt-"  # begins the names of folders that are being prepared
 MANIFEST = ".files.sha256"  # the program's own files with their digests; `sha256sum --check .files.sha256` reads it
+# Pairs of a file's name and the SHA-256 of its content; two of one name while one report replaces another.
 Manifest = frozenset[tuple[str, str]]
-"""Pairs of a file's name and the SHA-256 of its content; two of one name while one report replaces another."""
 
 
 def json_text(document: Mapping[str, Json]) -> str:

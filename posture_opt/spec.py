@@ -21,8 +21,8 @@ from pydantic_core import CoreSchema
 from posture_opt.errors import BadValueError
 from posture_opt.units import is_bare_zero
 
+# SI value beyond which a number is a slip of the exponent; squares of larger ones lose all digits.
 _MAX_MAGNITUDE = 1e12
-"""SI value beyond which a number is a slip of the exponent; squares of larger ones lose all digits."""
 
 
 class Spec(BaseModel):
@@ -59,11 +59,9 @@ class WordOrSection(Spec):
     """A section that a file may abbreviate by one word: ``free``, ``none``."""
 
     word: ClassVar[str]
-    meaning: ClassVar[Mapping[str, object]]
-    """The keys that the word stands for."""
+    meaning: ClassVar[Mapping[str, object]]  # The keys that the word stands for
     noun: ClassVar[str]
-    example: ClassVar[str]
-    """What could be written in its place."""
+    example: ClassVar[str]  # What could be written in its place
 
     @model_validator(mode="before")
     @classmethod

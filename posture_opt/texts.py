@@ -11,8 +11,8 @@ from typing import Any
 
 from posture_opt.errors import Issue, KeyPath
 
+# Control characters, halves of characters, and all that some language ends a line at.
 _REFUSED = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff\ufffe\uffff]")
-"""Control characters, halves of characters, and all that some language ends a line at."""
 _LINE_ENDS = "\n\v\f\r\x1c\x1d\x1e\x85\u2028\u2029"
 _BLANKS = f"\t{_LINE_ENDS}"
 
@@ -69,8 +69,8 @@ def checked(data: Any, key: KeyPath = ()) -> tuple[Any, list[Issue]]:
 
 
 _FORMULA = re.compile(r"\s*'*[=+\-@]")
+# Digits and the marks between them: no formula, whatever sign it begins with.
 _NUMBER = re.compile(r"\s*[-+]?[\d.,'\s]*\d[\d.,'\s]*(?:[eE][-+]?\d+)?\s*|\s*[-+]?(?:nan|inf)\s*", re.IGNORECASE)
-"""Digits and the marks between them: no formula, whatever sign it begins with."""
 _GUARDED = re.compile(r"\s*'(?='*[=+\-@])")
 
 

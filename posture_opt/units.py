@@ -44,10 +44,9 @@ LARGEST: dict[str, float] = {
     "temperature": 1e5,
     "time": 1e10,
 }
-_MAX_OTHER = 1e8
-"""SI value beyond which no quantity of a dimension without an entry in ``LARGEST`` is."""
+_MAX_OTHER = 1e8  # SI value beyond which no quantity of a dimension without an entry in ``LARGEST`` is
+# SI value up to which a number is zero: the rounding of programs that write −2.09e-37, far below any arm's errors.
 NEGLIGIBLE = 1e-15
-"""SI value up to which a number is zero: the rounding of programs that write −2.09e-37, far below any arm's errors."""
 
 SHOWN: dict[str, tuple[float, str]] = {
     # dimension -> factor from SI and unit that reports use
@@ -65,21 +64,18 @@ SHOWN: dict[str, tuple[float, str]] = {
     "share": (1e2, "%"),
     "factor": (1.0, ""),
 }
+# SI unit -> factor and unit that reports use for errors: deviations, their σ, what is left of them. Angles are in
+# deg, errors of angles in mrad, which are mm at a lever of a metre.
 ERROR_UNITS: dict[str, tuple[float, str]] = {
     **{si: SHOWN.get(name, (1.0, si)) for name, (si, _) in DIMENSIONS.items()},
     "m": (1e3, "mm"),
     "1": (1.0, ""),
 }
-"""SI unit -> factor and unit that reports use for errors: deviations, their σ, what is left of them. Angles are in deg,
-errors of angles in mrad, which are mm at a lever of a metre."""
-UNKNOWN = "not known"
-"""What reports write in place of NaN and infinity."""
+UNKNOWN = "not known"  # What reports write in place of NaN and infinity
+# Decimals of any number with a unit of reports: nanometres in mm, nanoradians in mrad. What is less is rounding.
 _MAX_DECIMALS = 6
-"""Decimals of any number with a unit of reports: nanometres in mm, nanoradians in mrad. What is less is rounding."""
-_EXTRA_DECIMALS = 2
-"""Decimals that a number may have in excess of a larger one next to it."""
-_MICROMETRES_BELOW_M = 1e-5
-"""Errors of length below this [m] are written in µm, others in mm."""
+_EXTRA_DECIMALS = 2  # Decimals that a number may have in excess of a larger one next to it
+_MICROMETRES_BELOW_M = 1e-5  # Errors of length below this [m] are written in µm, others in mm
 
 # Only what a robot file can need. The whole of pint's table takes 0.3 s to read, and it would accept
 # 'min', 'a' (year) or 'd' (day) where a typing error is far more likely.
@@ -106,8 +102,7 @@ _DEFINITIONS = [
 ]
 
 _UNIT = re.compile(r"(?:1\s*(?=/))?(?:[A-Za-z°ºµμ]+(?:\s*(?:\*\*|\^)\s*-?\d(?!\d))?|[*/()]|\s)+")
-_MAX_UNIT_LENGTH = 40
-"""Characters of a unit: what is longer is none, and costs pint time."""
+_MAX_UNIT_LENGTH = 40  # Characters of a unit: what is longer is none, and costs pint time
 _NUMBER = re.compile(r"^\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*$")
 
 
@@ -199,8 +194,8 @@ class ImplausibleError(BadValueError):
     """A quantity that is written as it should be, and far too large to be meant."""
 
 
+# Schema of a text with a unit; the bounds are those of a bare number, which can only be zero, rounding allowed.
 _TEXT_OR_ZERO: dict[str, Any] = {"type": ["string", "number"], "minimum": -NEGLIGIBLE, "maximum": NEGLIGIBLE}
-"""Schema of a text with a unit; the bounds are those of a bare number, which can only be zero, rounding allowed."""
 
 
 def _quantity_type(dimension: str) -> Any:
@@ -217,16 +212,14 @@ def _quantity_type(dimension: str) -> Any:
     return Annotated[float, BeforeValidator(read), WithJsonSchema(schema)]
 
 
-BY_NAME = "angle or length"
-"""The dimension of what the name of a joint or a parameter decides."""
+BY_NAME = "angle or length"  # The dimension of what the name of a joint or a parameter decides
 
 # A parameter's name decides, so the text is read when the robot is known.
 Quantity = Annotated[Any, WithJsonSchema({**_TEXT_OR_ZERO, "examples": ["1 deg", "10 mm"], "dimension": BY_NAME})]
 
 
 # The type of the joint decides, so the text is read when the robot is known.
-BY_JOINT_TYPE = "angular velocity or velocity"
-"""The dimension of what the type of a joint decides."""
+BY_JOINT_TYPE = "angular velocity or velocity"  # The dimension of what the type of a joint decides
 JointVelocity = Annotated[
     Any, WithJsonSchema({**_TEXT_OR_ZERO, "examples": ["120 deg/s", "0.5 m/s"], "dimension": BY_JOINT_TYPE})
 ]
@@ -292,6 +285,7 @@ def joint_text(value: float, unit: str) -> str:
     return f"{math.degrees(value):.4g} deg" if unit == "rad" else f"{value * 1e3:.4g} mm"
 
 
+# The value of a joint: an angle of a revolute one, a length of a prismatic one.
 JointValue = Annotated[
     JointQuantity,
     PlainValidator(_joint_quantity),
@@ -304,7 +298,6 @@ JointValue = Annotated[
         }
     ),
 ]
-"""The value of a joint: an angle of a revolute one, a length of a prismatic one."""
 
 
 def parse_celsius(value: object) -> float:

@@ -24,8 +24,7 @@ if TYPE_CHECKING:
 else:
     Text = click.ParamType  # generic from click 8.4 on
 
-FILE = "file"
-"""What an item of a completion is that names a file or a folder, as ``CompletionItem.kind`` states it."""
+FILE = "file"  # What an item of a completion is that names a file or a folder, as ``CompletionItem.kind`` states it
 
 
 @dataclass(frozen=True)
@@ -92,8 +91,7 @@ PATH = NamedPath(path_type=Path)
 
 
 PROGRAM = "optimize-posture"
-VARIABLE = "_OPTIMIZE_POSTURE_COMPLETE"
-"""Of the environment, by which the scripts ask for the words that may follow."""
+VARIABLE = "_OPTIMIZE_POSTURE_COMPLETE"  # Of the environment, by which the scripts ask for the words that may follow
 _SHELLS = ("bash", "fish", "zsh")
 _SPECIAL = frozenset(" \t!\"#$&'()*;<>?[\\]^`{|}")
 

@@ -135,10 +135,7 @@ def robot_of_problem_file(options: RobotOptions) -> Problem:
 
 
 def requested_problem(
-    problem: str | None,
-    robot: str | None = None,
-    task: str | None = None,
-    **given: str | None,
+    problem: str | None, robot: str | None = None, task: str | None = None, **given: str | None
 ) -> Problem:
     """The problem that the options describe: a file, a robot with a task, or the built-in problem of a task."""
     if problem and robot:

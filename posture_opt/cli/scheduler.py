@@ -26,8 +26,7 @@ if TYPE_CHECKING:
     from posture_opt.numerics import Json
     from posture_opt.problem.problem import Problem
 
-_BLOCK_BYTES = 1 << 20
-"""Bytes of a file that are read at a time."""
+_BLOCK_BYTES = 1 << 20  # Bytes of a file that are read at a time
 
 
 def scheduler_option(command: Command) -> Command:

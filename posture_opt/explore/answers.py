@@ -19,8 +19,7 @@ from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.select_posture import select_posture
 from posture_opt.uncertainty.spread.spread import Spread, propagate
 
-STARTS = 4
-"""Local searches beside the one from the last answer."""
+STARTS = 4  # Local searches beside the one from the last answer
 _TRIES = 3  # of compiling for one problem: another target may need what the first did not
 
 
@@ -94,8 +93,7 @@ def all_but_position(problem: Problem) -> object:
     return {**document, "task": task}, placed
 
 
-RESTS_S = 0.35
-"""A target that has not moved for so long [s] rests."""
+RESTS_S = 0.35  # A target that has not moved for so long [s] rests
 _PATIENCE_S = 3.0  # [s]: what stations take is ended by a new request no sooner; a new process takes half of it
 _BETTER = 1e-3  # of σ: by so much the full search has to be better for the arm to have gone to another branch
 

@@ -13,8 +13,8 @@ from posture_opt.report.scene.arm_solids import COLOURS, Role, Solid
 if TYPE_CHECKING:
     import viser
 
+# Of the handles: a finger meets what is 24 pixels wide (WCAG 2.2, 2.5.8); of an arrow 4.5 lines are.
 _HANDLE_PIXELS, _HANDLE_LINE_PIXELS = 100.0, 6.0
-"""Of the handles: a finger meets what is 24 pixels wide (WCAG 2.2, 2.5.8); of an arrow 4.5 lines are."""
 OPACITY: dict[Role, float] = {"obstacle": 0.55, "floor": 0.6, "region": 0.5}
 
 

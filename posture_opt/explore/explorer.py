@@ -29,8 +29,7 @@ from posture_opt.selection.answer.solution import Solution
 from posture_opt.uncertainty.spread.spread import Spread, propagate
 
 DEFAULT_PORT = 8080
-_TARGET = "target"
-"""The group of keys that a command line states by options."""
+_TARGET = "target"  # The group of keys that a command line states by options
 
 
 class Explorer:

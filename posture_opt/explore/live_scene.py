@@ -11,16 +11,7 @@ import numpy as np
 
 from posture_opt.collision.narrowest import Gap
 from posture_opt.collision.scene import Scene
-from posture_opt.explore.drawing import (
-    OPACITY,
-    add_grid,
-    add_handle,
-    add_lines,
-    add_mesh,
-    add_solid,
-    rgb,
-    wxyz,
-)
+from posture_opt.explore.drawing import OPACITY, add_grid, add_handle, add_lines, add_mesh, add_solid, rgb, wxyz
 from posture_opt.numerics import Array
 from posture_opt.report.interactive.triangles import Triangles, arrow
 from posture_opt.report.page.colours import BLUE, PURPLE, VERMILLION
@@ -109,8 +100,8 @@ class Layers:
     first_order: bool = False
 
 
+# Called with the place (3,) [m] that a handle was dragged to, and whether it was let go.
 Moved = Callable[[Array, bool], None]
-"""Called with the place (3,) [m] that a handle was dragged to, and whether it was let go."""
 
 
 class LiveScene:

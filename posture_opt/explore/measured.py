@@ -28,8 +28,7 @@ from posture_opt.statements.notation import sentence, stated
 if TYPE_CHECKING:
     import viser
 
-ERROR_COLOUR = "error"
-"""The colours of the errors themselves."""
+ERROR_COLOUR = "error"  # The colours of the errors themselves
 _ARROW_SHARES = 0.006, 0.014, 0.03  # of the arm's extent: radius of shaft and head, length of the head
 _POINT_SHARE = 0.012  # of the arm's extent: the mark at a tool point
 _SEEN_QUANTILE = 0.95  # of the errors: what the round factor of the arrows suits

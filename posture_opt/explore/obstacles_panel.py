@@ -22,10 +22,9 @@ if TYPE_CHECKING:
     import viser
 
 _NONE = "none"
+# Dimension -> units of the page in one SI unit, their name, and digits.
 _SHOWN = {"length": (1e3, "mm", 1), "angle": (180.0 / math.pi, "deg", 2)}
-"""Dimension -> units of the page in one SI unit, their name, and digits."""
-_NEW_SIZE = "150 mm"
-"""Of an obstacle that is added, where its kind has no size of its own."""
+_NEW_SIZE = "150 mm"  # Of an obstacle that is added, where its kind has no size of its own
 
 
 @dataclass(frozen=True)

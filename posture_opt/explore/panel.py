@@ -153,10 +153,7 @@ class Panel:
         self._task.show()
         if answer.solution is None:
             self._numbers.content = self._budget.content = ""
-            self._state.content = _line(
-                sentence(answer.reason) if answer.reason else _WAITING,
-                alarm=True,
-            )
+            self._state.content = _line(sentence(answer.reason) if answer.reason else _WAITING, alarm=True)
             return
         if answer.own is not None:
             self._state.content = _line(_compared(answer.solution, answer.own))

@@ -22,8 +22,7 @@ from posture_opt.errors import InputError, Issue
 if TYPE_CHECKING:
     import viser
 
-Answer = Callable[[Any, Any], Any]
-"""A connection and its request -> a response; None where the web socket is opened."""
+Answer = Callable[[Any, Any], Any]  # A connection and its request -> a response; None where the web socket is opened
 
 _ALIVE = "/alive"
 _SCRIPT = """<script>
@@ -133,8 +132,7 @@ def is_this_machine(host: str) -> bool:
         return False
 
 
-INSTALL = "pip install 'posture_opt[explore]'"
-"""What brings the live page."""
+INSTALL = "pip install 'posture_opt[explore]'"  # What brings the live page
 _TOKEN_BYTES = 18  # random ones: 24 characters
 
 

@@ -21,11 +21,9 @@ from posture_opt.problem.yaml_source import MAX_BYTES, parse_yaml
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.tasks.path_task import PathTask
 
-_EXPLORED = "_explored"
-"""What the names of written files end in."""
+_EXPLORED = "_explored"  # What the names of written files end in
 _MOST_NAMES = 1000  # that are tried, where files that were not written here have the first
-_PICTURE = 1600, 1000
-"""Width and height of a picture in pixels."""
+_PICTURE = 1600, 1000  # Width and height of a picture in pixels
 
 
 class TakenAway:

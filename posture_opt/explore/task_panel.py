@@ -16,8 +16,7 @@ from posture_opt.units import parse_quantity
 if TYPE_CHECKING:
     import viser
 
-_DECADES = 1.0
-"""A logarithmic slider goes so many decades to either side of what is stated."""
+_DECADES = 1.0  # A logarithmic slider goes so many decades to either side of what is stated
 _MAX_TILT_DEG = 45.0  # deg
 
 

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
     EXPORTS: tuple[type[ExportFormat], ...]
 
+# The formats of the arm and of its covariance.
 ARM_FORMATS = {
     # kind -> its file, whose words in capitals are its class
     "c": "c_code",
@@ -21,14 +22,8 @@ ARM_FORMATS = {
     "urdf": "urdf_arm",
     "dh": "dh_table",
 }
-"""The formats of the arm and of its covariance."""
-PROGRAM_FORMATS = {
-    "urscript": "ur_script",
-    "krl": "krl",
-    "rapid": "rapid",
-    "jointstate": "joint_state",
-}
-"""The languages of robot programs."""
+# The languages of robot programs.
+PROGRAM_FORMATS = {"urscript": "ur_script", "krl": "krl", "rapid": "rapid", "jointstate": "joint_state"}
 
 
 def __getattr__(name: str) -> Any:

@@ -18,8 +18,8 @@ from posture_opt.robot.robot import Robot
 from posture_opt.uncertainty.spread.spread_function import spread_expressions
 
 POSTURES = 5
+# Of the largest entry of an output: thousands of roundings, and square roots where two variances nearly agree.
 TOLERANCE = 1e-10
-"""Of the largest entry of an output: thousands of roundings, and square roots where two variances nearly agree."""
 
 
 class CCode(ExportFormat):

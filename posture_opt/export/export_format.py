@@ -54,14 +54,10 @@ class ExportSource:
 class ExportFormat(Spec):
     """One format of an export; ``name`` is that of functions, programs and files."""
 
-    summary: ClassVar[str]
-    """What it is, for lists."""
-    default: ClassVar[str]
-    """Name where none is given."""
-    reserved: ClassVar[frozenset[str]] = frozenset()
-    """Names that mean something else in the language."""
-    case_counts: ClassVar[bool] = True
-    """Whether the language tells names apart by upper and lower case."""
+    summary: ClassVar[str]  # What it is, for lists
+    default: ClassVar[str]  # Name where none is given
+    reserved: ClassVar[frozenset[str]] = frozenset()  # Names that mean something else in the language
+    case_counts: ClassVar[bool] = True  # Whether the language tells names apart by upper and lower case
 
     name: str = ""
 

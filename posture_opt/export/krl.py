@@ -24,6 +24,7 @@ from posture_opt.units import fixed
 
 _AXES = (*(f"A{k}" for k in range(1, 7)), *(f"E{k}" for k in range(1, 7)))
 _MAX_NAME_LENGTH = 24  # characters of a name in KRL
+# Key words, built-in types and the programs that this one calls.
 _WORDS = """
     ANIN ANOUT AND AXIS B_AND B_EXOR B_NOT B_OR BAS BOOL BRAKE C_DIS C_ORI C_PTP C_SPL C_VEL CASE CAST_FROM
     CAST_TO CCLOSE CHANNEL CHAR CIOCTL CIRC CIRC_REL CONFIRM CONST CONTINUE COPEN CREAD CWRITE DECL DEF DEFAULT
@@ -33,7 +34,6 @@ _WORDS = """
     RETURN SCIRC SEC SIGNAL SLIN SPL SPLINE SPTP STRUC SWITCH SWRITE SREAD THEN TIME_BLOCK TO TRIGGER TRUE UNTIL
     VAR WAIT WHEN WHILE WITH XOR FORWARD FAULT XL
 """
-"""Key words, built-in types and the programs that this one calls."""
 
 
 class Krl(ProgramFormat):

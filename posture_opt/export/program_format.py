@@ -15,20 +15,16 @@ from posture_opt.robot.robot import Robot
 _TOOL_DATA = (
     "The tool data is that of the model, in its flange frame: check that the controller's flange frame is the same."
 )
-_ROBOT_AXES = 6
-"""Axes of a robot in the languages of controllers; more are external ones."""
+_ROBOT_AXES = 6  # Axes of a robot in the languages of controllers; more are external ones
 
 
 class ProgramFormat(ExportFormat):
     """A robot program: it drives to every stop, joint by joint or with the tool on a line, and waits there."""
 
     default: ClassVar[str] = "posture"
-    most_joints: ClassVar[int] = 12
-    """That the language can move."""
-    maker: ClassVar[str] = ""
-    """Whose controllers read it, as `MAKERS` names them; empty: anybody's."""
-    comment_mark: ClassVar[str]
-    """What a comment begins with, to the end of its line."""
+    most_joints: ClassVar[int] = 12  # That the language can move
+    maker: ClassVar[str] = ""  # Whose controllers read it, as `MAKERS` names them; empty: anybody's
+    comment_mark: ClassVar[str]  # What a comment begins with, to the end of its line
 
     def write(self, source: ExportSource) -> Exported:
         programs, stem = source.programs, self.stem
@@ -81,6 +77,7 @@ def seconds(value: float) -> str:
     return text + "0" if text.endswith(".") else text
 
 
+# Maker -> what names of its arms hold, in lower case, blanks for other characters than letters and digits.
 MAKERS = {
     "Universal Robots": r"universal robots|(?<![a-z])ur ?\d+e?(?![a-z0-9])",
     "KUKA": r"kuka|iiwa|(?<![a-z])(kr|lbr) ?\d",
@@ -97,7 +94,6 @@ MAKERS = {
     "Unitree": r"unitree|(?<![a-z])z1",
     "Unimation": r"unimation|puma",
 }
-"""Maker -> what names of its arms hold, in lower case, blanks for other characters than letters and digits."""
 
 
 def maker_of(name: str) -> str:

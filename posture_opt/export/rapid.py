@@ -23,6 +23,7 @@ _MAX_NAME_LENGTH = 32  # characters of a name in RAPID
 _ABSENT_AXIS = "9E9"
 _ZONES = {1e-3: "z1", 0.3e-3: "z0"}  # radius [m] -> predefined zone
 _LEAST_MASS_KG = 0.1  # tooldata without a mass is refused
+# Key words, then built-in types and what this program uses of the controller.
 _WORDS = """
     ALIAS AND BACKWARD CASE CONNECT CONST DEFAULT DIV DO ELSE ELSEIF ENDFOR ENDFUNC ENDIF ENDMODULE ENDPROC
     ENDRECORD ENDTEST ENDTRAP ENDWHILE ERROR EXIT FALSE FOR FROM FUNC GOTO IF INOUT LOCAL MOD MODULE NOSTEPIN NOT
@@ -30,7 +31,6 @@ _WORDS = """
     VAR VIEWONLY WHILE WITH XOR BOOL DNUM JOINTTARGET NUM STRING FINE TOOL0 WOBJ0 V1000 MOVEABSJ MOVEL
     CALCROBT TOOLDATA SPEEDDATA VELSET WAITTIME
 """
-"""Key words, then built-in types and what this program uses of the controller."""
 
 
 class Rapid(ProgramFormat):

@@ -22,22 +22,18 @@ from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.search.search_outcome import is_clear
 from posture_opt.uncertainty.spread.joint_digits import joint_digits
 
+# Speed of the tool point [m/s] at 100 % where the task states none: the reduced speed of ISO 10218-1.
 REDUCED_SPEED = 0.25
-"""Speed of the tool point [m/s] at 100 % where the task states none: the reduced speed of ISO 10218-1."""
 DEFAULT_APPROACH_M = 0.05
+# Radii within which the tool may round a corner: the finest two that ABB predefines (z1, z0), for all languages.
 BLENDS_M = (1e-3, 0.3e-3)
-"""Radii within which the tool may round a corner: the finest two that ABB predefines (z1, z0), for all languages."""
-_MAX_BLEND_SHARE = 0.25
-"""Of the distance to the next point, so that two corners never meet."""
+_MAX_BLEND_SHARE = 0.25  # Of the distance to the next point, so that two corners never meet
 _ITERATIONS = 30
-_LINE_STEP_M = 0.01
-"""Between two postures of a line that are looked at."""
+_LINE_STEP_M = 0.01  # Between two postures of a line that are looked at
+# Of the joint that moves most, or m, between two postures of a move that are looked at.
 _LEG_STEP_RAD = math.radians(3.0)
-"""Of the joint that moves most, or m, between two postures of a move that are looked at."""
-_DIFFERENCE = 1e-6
-"""Step [rad or m] of the central differences of the pose."""
-_REACHED = 1e-7
-"""Of the position [m] and of the turn [rad] at an approach point."""
+_DIFFERENCE = 1e-6  # Step [rad or m] of the central differences of the pose
+_REACHED = 1e-7  # Of the position [m] and of the turn [rad] at an approach point
 
 
 @dataclass(frozen=True)
@@ -173,16 +169,12 @@ def blocked_legs(problem: ProblemData, stops: Sequence[Stop]) -> list[str]:
     return found
 
 
-_RUN_RAD = math.radians(2.0)
-"""Way of a joint to its stop [rad]: many times the play of any gear."""
-_TRAVELS = 3.0
-"""Times the travel of a hysteresis that a joint comes: all but a twentieth of it is reached then."""
+_RUN_RAD = math.radians(2.0)  # Way of a joint to its stop [rad]: many times the play of any gear
+_TRAVELS = 3.0  # Times the travel of a hysteresis that a joint comes: all but a twentieth of it is reached then
+# Least move of such a joint on the line to a stop [rad]: it only has to go on as it came to the line's beginning.
 _LAST_MOVE_RAD = math.radians(0.01)
-"""Least move of such a joint on the line to a stop [rad]: it only has to go on as it came to the line's beginning."""
-_ROUNDINGS = 2.0
-"""Steps of the digits of a program that this is at least."""
-_MAX_SLANT = 0.05
-"""Sideways shift of an approach point for that, as a share of the line."""
+_ROUNDINGS = 2.0  # Steps of the digits of a program that this is at least
+_MAX_SLANT = 0.05  # Sideways shift of an approach point for that, as a share of the line
 
 
 def runs(problem: ProblemData) -> Array:
@@ -223,8 +215,7 @@ def from_sides(problem: ProblemData, start: Array, q: Array, sides: Array, lengt
     return np.asarray(moved)
 
 
-_SHARES = (1.0, 0.5, 0.25)
-"""Of a run, where the arm is not clear at its start, or a joint would leave its limits."""
+_SHARES = (1.0, 0.5, 0.25)  # Of a run, where the arm is not clear at its start, or a joint would leave its limits
 
 
 def with_arrivals(problem: ProblemData, stops: Sequence[Stop]) -> tuple[list[Stop], list[str]]:

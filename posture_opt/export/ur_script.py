@@ -20,12 +20,12 @@ from posture_opt.units import fixed
 
 _SPEED, _ACCELERATION = 1.05, 1.4  # rad/s, rad/s²: the defaults of movej
 _LINE_ACCELERATION = 1.2  # m/s²: the default of movel
+# Key words, then functions of the controller that a program of their name would replace.
 _WORDS = """
     and break case continue def default elif else end enter_critical exit_critical False for global halt if in is
     join kill local mod not or pass return run sec struct switch thread True while xor movej movel movep movec
     servoj sleep textmsg popup sync
 """
-"""Key words, then functions of the controller that a program of their name would replace."""
 
 
 class UrScript(ProgramFormat):

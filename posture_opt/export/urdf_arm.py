@@ -58,10 +58,7 @@ class UrdfArm(ExportFormat):
 def _placeholder_note(robot: Robot) -> tuple[str, ...]:
     unknown = [
         words
-        for words, values in (
-            ("effort", [joint.effort for joint in robot.joints]),
-            ("velocity", robot.velocities),
-        )
+        for words, values in (("effort", [joint.effort for joint in robot.joints]), ("velocity", robot.velocities))
         if any(map(math.isnan, values))
     ]
     if not unknown:
@@ -187,8 +184,7 @@ def _both(at: Array, turned: tuple[float, float], geometry: str) -> list[str]:
     return [f"    <{kind}>{origin}<geometry>{geometry}</geometry></{kind}>" for kind in ("visual", "collision")]
 
 
-_SAME = 1e-12
-"""Origins that differ by less [m or 1] are rounding of the product: the file keeps its own text."""
+_SAME = 1e-12  # Origins that differ by less [m or 1] are rounding of the product: the file keeps its own text
 
 
 def corrected_document(robot: Robot, description: UrdfDescription, name: str, comment: str) -> str:

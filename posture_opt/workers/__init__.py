@@ -29,8 +29,8 @@ class DaskClient(Protocol):
         """Not used: executors of `concurrent.futures` lack it, which distinguishes the two."""
 
 
+# What can be given as ``executor``: one of `concurrent.futures`, a ``distributed.Client``, or workers of this room.
 Executor: TypeAlias = "FuturesExecutor | DaskClient | Workers"
-"""What can be given as ``executor``: one of `concurrent.futures`, a ``distributed.Client``, or workers of this room."""
 
 
 def opened(workers: int = 1, executor: Executor | None = None) -> Workers:

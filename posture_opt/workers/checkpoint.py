@@ -18,14 +18,10 @@ from posture_opt.workers.workers import Part, R, S, T, Workers
 if TYPE_CHECKING:
     from posture_opt.numerics import Json
 
-_FILE_FORMAT = "posture_opt checkpoint 2"
-"""Name and version of the format, in the first line of a file."""
-_DIGEST_DIGITS = 16
-"""Hexadecimal digits of a digest, before each line: 64 bits find a line that was cut off."""
-_MAX_FIRST_LINE_BYTES = 1 << 16
-"""A longer first line is not ours."""
-_OPTION = ("--checkpoint",)
-"""The key of messages: the option of the command line."""
+_FILE_FORMAT = "posture_opt checkpoint 2"  # Name and version of the format, in the first line of a file
+_DIGEST_DIGITS = 16  # Hexadecimal digits of a digest, before each line: 64 bits find a line that was cut off
+_MAX_FIRST_LINE_BYTES = 1 << 16  # A longer first line is not ours
+_OPTION = ("--checkpoint",)  # The key of messages: the option of the command line
 
 
 class Checkpoint(Workers):

@@ -18,19 +18,15 @@ from posture_opt import __version__
 from posture_opt.errors import InputError, Issue
 from posture_opt.workers.workers import MAX_SUBMITTED_PARTS, Part, R, S, T, Workers, worked
 
-LOCAL = "local"
-"""In place of an address: a scheduler and workers of this machine, for as long as they are needed."""
+LOCAL = "local"  # In place of an address: a scheduler and workers of this machine, for as long as they are needed
 
+# Time [s] to wait for a scheduler that has taken a connection, for the first worker, and for the end of both.
 _SCHEDULER_TIMEOUT_S = 10
-"""Time [s] to wait for a scheduler that has taken a connection, for the first worker, and for the end of both."""
-_CONNECT_TIMEOUT_S = 3
-"""Time [s] to wait for a connection."""
-_OPTION = ("--scheduler",)
-"""The key of messages: the option of the command line."""
+_CONNECT_TIMEOUT_S = 3  # Time [s] to wait for a connection
+_OPTION = ("--scheduler",)  # The key of messages: the option of the command line
 
 
-DaskObject = Any
-"""A client, a cluster or a future of Dask, which states no types."""
+DaskObject = Any  # A client, a cluster or a future of Dask, which states no types
 DaskFuture = DaskObject
 
 

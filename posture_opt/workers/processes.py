@@ -19,10 +19,8 @@ from posture_opt.errors import InputError, Issue
 from posture_opt.interrupts import undisturbed
 from posture_opt.workers.workers import Part, R, S, T, Workers, worked
 
-_MAX_LOST_WORKERS = 3
-"""Workers that may be lost over one part, before the part is taken for the cause."""
-_PR_SET_PDEATHSIG = 1
-"""Option of ``prctl``, as of ``<sys/prctl.h>``: a signal when the parent ends."""
+_MAX_LOST_WORKERS = 3  # Workers that may be lost over one part, before the part is taken for the cause
+_PR_SET_PDEATHSIG = 1  # Option of ``prctl``, as of ``<sys/prctl.h>``: a signal when the parent ends
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,8 +10,7 @@ from typing import Any
 from posture_opt.workers.workers import Part, R, S, T
 
 Pattern = Any
-FINITE = "finite"
-"""The pattern of a number that is neither NaN nor infinite."""
+FINITE = "finite"  # The pattern of a number that is neither NaN nor infinite
 _ATTRIBUTE = "record_pattern"
 
 

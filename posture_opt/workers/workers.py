@@ -8,19 +8,15 @@ from collections.abc import Callable, Iterator, Sequence
 from types import TracebackType
 from typing import Self, TypeVar
 
-S = TypeVar("S")
-"""What all parts of a round share."""
-T = TypeVar("T")
-"""What is worked on, one an item."""
-R = TypeVar("R")
-"""What comes of an item."""
+S = TypeVar("S")  # What all parts of a round share
+T = TypeVar("T")  # What is worked on, one an item
+R = TypeVar("R")  # What comes of an item
+# ``(shared, item) -> result``, a function of a module: other processes import it by its name.
 Part = Callable[[S, T], R]
-"""``(shared, item) -> result``, a function of a module: other processes import it by its name."""
 
+# Parts that other machines have at once: enough for any cluster, and memory does not grow with the work.
 MAX_SUBMITTED_PARTS = 64
-"""Parts that other machines have at once: enough for any cluster, and memory does not grow with the work."""
-_PART_LOCK = threading.RLock()
-"""Held while a part is computed; a part may have parts of its own."""
+_PART_LOCK = threading.RLock()  # Held while a part is computed; a part may have parts of its own
 
 
 class Workers(ABC):
