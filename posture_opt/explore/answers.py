@@ -19,12 +19,9 @@ from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.select_posture import select_posture
 from posture_opt.uncertainty.spread.spread import Spread, propagate
 
-STARTS = 4  # Local searches beside the one from the last answer
-_TRIES = 3  # of compiling for one problem: another target may need what the first did not
-
 
 class Following:
-    """The best posture near the last one, for problems that differ from the last by the place of the target mostly."""
+    """The best posture near the last one, by selectors that are interpreted until another process has compiled them."""
 
     def __init__(self) -> None:
         self._process = OtherProcess()
@@ -37,9 +34,14 @@ class Following:
 
     def solve(self, problem: Problem, known: Array | None) -> Solution:
         """The best posture that a few searches find, one from a ``known`` posture (n,) [rad or m]."""
-        self._follow(problem)
-        # For every position of a slider it would not pay.
-        if (self._first or self._count > 1) and not self.compiling and self._tried < _TRIES:
+        key = all_but_position(problem)
+        if key != self._key:  # another arm, cell or task
+            self._first = self._key is None
+            self._key, self._fast, self._slow, self._count, self._tried = key, None, None, 0, 0
+            self._process.stop_if_busy()
+        self._count += 1
+        # For every position of a slider it would not pay; another target may need what the first did not.
+        if (self._first or self._count > 1) and not self.compiling and self._tried < 3:
             try:
                 with compiled_before():
                     self._fast = self._fast or _selector_of(problem, None)
@@ -60,14 +62,6 @@ class Following:
         """Compile nothing more."""
         self._process.stop()
 
-    def _follow(self, problem: Problem) -> None:
-        key = all_but_position(problem)
-        if key != self._key:
-            self._first = self._key is None
-            self._key, self._fast, self._slow, self._count, self._tried = key, None, None, 0, 0
-            self._process.stop_if_busy()
-        self._count += 1
-
 
 def compiled(problem: Problem) -> None:
     """Compiles into the cache what the search for a problem calls."""
@@ -82,7 +76,7 @@ def _solved(selector: PostureSelector, problem: Problem, known: Array | None) ->
     target = selector.target
     if problem.task is not None and problem.task.position is not None:
         target = target.with_position(np.array(problem.task.position, dtype=float))
-    return replace(selector.solve_target(target, problem.solver.seed, STARTS, known), problem=problem)
+    return replace(selector.solve_target(target, problem.solver.seed, 4, known), problem=problem)
 
 
 def all_but_position(problem: Problem) -> object:
@@ -91,11 +85,6 @@ def all_but_position(problem: Problem) -> object:
     task = {**(document.get("task") or {})}
     placed = task.pop("position", None) is not None
     return {**document, "task": task}, placed
-
-
-RESTS_S = 0.35  # A target that has not moved for so long [s] rests
-_PATIENCE_S = 3.0  # [s]: what stations take is ended by a new request no sooner; a new process takes half of it
-_BETTER = 1e-3  # of σ: by so much the full search has to be better for the arm to have gone to another branch
 
 
 @dataclass(frozen=True)
@@ -108,7 +97,15 @@ class Request:
 
 @dataclass(frozen=True)
 class Answer:
-    """What there is to show for one request."""
+    """What there is to show for one request.
+
+    Args:
+        reason: why there is no solution, or no full search.
+        nearest: the infeasible result, where the full search has looked for it.
+        whole: whether the full search gave it, as the command line does.
+        gain: share of σ that the full search is below what followed the target; 0 at the same optimum.
+        own: the spread at a posture of the user's own; None where the best one is asked for.
+    """
 
     request: Request
     solution: Solution | None = None
@@ -139,7 +136,8 @@ class Answers:
         with self._changed:
             self._asked = request
             self._changed.notify()
-        self._search.stop_if_busy(_PATIENCE_S if has_stations(request.problem) else 0.0)
+        # What stations take is ended no sooner than after 3 s: a new process takes half of it.
+        self._search.stop_if_busy(3.0 if has_stations(request.problem) else 0.0)
 
     def end(self) -> None:
         """Solve nothing more."""
@@ -160,32 +158,30 @@ class Answers:
                 self._show(Answer(request, reason=str(defect(error))))
 
     def _answer(self, request: Request) -> None:
+        """Show what answers a request: at once from the last answer, and of the full search once the target rests."""
         if request.q is not None:
-            self._show(self._at(request, request.q))
+            try:
+                own = Answer(request, self._best, own=propagate(request.problem, request.q))
+            except PostureOptError as error:
+                own = Answer(request, reason=str(error))
+            self._show(own)
             return
         several = has_stations(request.problem)
         quick = Answer(request, self._best) if several else self.quick(request)
         self._show(quick)
-        if several or self._rests():
-            whole = self._whole(quick)
-            if whole is not None:
-                self._show(whole)
+        if not several:
+            with self._changed:
+                if self._changed.wait_for(lambda: self._ended or self._asked is not None, timeout=0.35):
+                    return  # it moves on
+        whole = self._whole(quick)
+        if whole is not None:
+            self._show(whole)
 
     def _next(self) -> Request | None:
         with self._changed:
             self._changed.wait_for(lambda: self._ended or self._asked is not None)
             request, self._asked = self._asked, None
             return None if self._ended else request
-
-    def _rests(self) -> bool:
-        with self._changed:
-            return not self._changed.wait_for(lambda: self._ended or self._asked is not None, timeout=RESTS_S)
-
-    def _at(self, request: Request, q: tuple[float, ...]) -> Answer:
-        try:
-            return Answer(request, self._best, own=propagate(request.problem, q))
-        except PostureOptError as error:
-            return Answer(request, reason=str(error))
 
     def quick(self, request: Request) -> Answer:
         """The best posture that searches from the last one find; which reason there is for none, is asked later."""
@@ -210,7 +206,8 @@ class Answers:
         self._q, self._best = found.q, found
         compared = quick.solution is not None and not found.points
         gain = 1.0 - found.sigma / quick.solution.sigma if compared and quick.solution else 0.0
-        return Answer(quick.request, found, whole=True, gain=gain if gain > _BETTER else 0.0)
+        gain = gain if gain > 1e-3 else 0.0  # of σ: else it is the same branch
+        return Answer(quick.request, found, whole=True, gain=gain)
 
 
 def has_stations(problem: Problem) -> bool:

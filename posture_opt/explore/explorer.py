@@ -28,7 +28,6 @@ from posture_opt.robot.posture import Posture
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.uncertainty.spread.spread import Spread, propagate
 
-DEFAULT_PORT = 8080
 _TARGET = "target"  # The group of keys that a command line states by options
 
 
@@ -36,7 +35,7 @@ class Explorer:
     """A live page, and what it shows."""
 
     def __init__(
-        self, problem: Problem, host: str = "127.0.0.1", port: int = DEFAULT_PORT, folder: Path | None = None,
+        self, problem: Problem, host: str = "127.0.0.1", port: int = 8080, folder: Path | None = None,
         data: Measurements | None = None,
     ) -> None:  # fmt: skip
         places = places_of(problem)
@@ -61,9 +60,8 @@ class Explorer:
         self._scene.cell.show(self._cell)
         stated = position_of(problem)
         self._target = np.array(spread.position if stated is None else stated)
-        self._scene.place_handle(self._target)
-        self._panel.place(self._target)
-        self._scene.show_own(spread)
+        self._show_target(self._target)
+        self._scene.show(spread)
         self._scene.fade()
         self._scene.handle.visible = not has_stations(problem)
         self._answers = Answers(self._answered)
@@ -101,8 +99,7 @@ class Explorer:
         if place.shape != (3,) or not np.all(np.isfinite(place)):
             raise InputError(Issue("the target is not three finite numbers", ("target",), position))
         self._ask(place)
-        self._scene.place_handle(place)
-        self._panel.place(place)
+        self._show_target(place)
 
     @property
     def solution(self) -> Solution | None:
@@ -146,20 +143,24 @@ class Explorer:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _dragged(self, place: Array, _let_go: bool) -> None:
+    def _dragged(self, place: Array) -> None:
         if self._tried(place):
             self._panel.place(place)
 
     def _typed(self, place: Array) -> None:
         if self._tried(place):
-            self._scene.place_handle(place)
+            self._scene.handle.position = tuple(place)
+
+    def _show_target(self, place: Array) -> None:
+        self._scene.handle.position = tuple(place)
+        self._panel.place(place)
 
     def _tried(self, place: Array) -> bool:
+        """Have a target solved that somebody put there; one that no problem can have is refused, in words."""
         try:
             self._ask(place)
         except InputError as error:
-            self._scene.place_handle(self._target)
-            self._panel.place(self._target)
+            self._show_target(self._target)
             self._panel.say(str(error))
             return False
         return True
@@ -173,6 +174,7 @@ class Explorer:
         )  # fmt: skip
 
     def _ask(self, place: Array) -> None:
+        """Have the target solved, in tenths of a millimetre: what a file says of it is what was solved."""
         problem = self._replaced(_TARGET, {"task__position": millimetres(place)})
         with self._guard:
             self._target = np.array(position_of(problem))
@@ -217,19 +219,11 @@ class Explorer:
                 return
             answer = replace(answer, whole=answer.whole and not late)  # stations take too long to be left out
             self._shown, self._solution = answer, answer.solution
-        self._place_freely(answer)
-        self.show(answer)
-
-    def _place_freely(self, answer: Answer) -> None:
         found = answer.solution
         if found is not None and not found.points and position_of(answer.request.problem) is None:
-            with self._guard:
+            with self._guard:  # the task asks for no place: the handle is where the tool point is
                 self._target = np.array(found.spread.position)
-            self._scene.place_handle(self._target)
-            self._panel.place(self._target)
-
-    def show(self, answer: Answer) -> None:
-        """Show an answer, in the scene and in numbers."""
+            self._show_target(self._target)
         self._draw(answer)
         self._panel.show(answer)
 
@@ -239,23 +233,18 @@ class Explorer:
 
     def _draw(self, answer: Answer) -> None:
         with self._drawing:
-            self._drawn(answer)
-
-    def _drawn(self, answer: Answer) -> None:
-        shown: Spread | Solution | None = answer.own or answer.solution
-        if isinstance(shown, Solution) and shown.points and self._panel.stations is not None:
-            shown = self._panel.stations.show(shown, bool(self._changes.get("placement")))
-        self._scene.cell.show_gap(None if shown is None else narrowest(self._cell, np.asarray(shown.q)))
-        if answer.own is not None:
-            self._scene.show_own(answer.own, self._panel.layers)
-        elif isinstance(shown, Solution):
-            self._scene.show(shown, self._panel.layers)
-        else:
-            self._scene.fade(None if answer.nearest is None else answer.nearest.spread.position)
+            shown: Spread | Solution | None = answer.own or answer.solution
+            if isinstance(shown, Solution) and shown.points and self._panel.stations is not None:
+                shown = self._panel.stations.show(shown, bool(self._changes.get("placement")))
+            self._scene.cell.show_gap(None if shown is None else narrowest(self._cell, np.asarray(shown.q)))
+            if shown is not None:
+                self._scene.show(shown, self._panel.layers)
+            else:
+                self._scene.fade(None if answer.nearest is None else answer.nearest.spread.position)
 
 
 def explore(
-    problem: Problem, *, host: str = "127.0.0.1", port: int = DEFAULT_PORT, browser: bool = True,
+    problem: Problem, *, host: str = "127.0.0.1", port: int = 8080, browser: bool = True,
     data: Measurements | None = None,
 ) -> Explorer:  # fmt: skip
     """A live page of a problem: drag the target, and the best posture follows."""
@@ -265,17 +254,13 @@ def explore(
     return page
 
 
-_POSTURES = 2000  # random ones: takes some ms
-_NEAREST = 50  # of which those that are clear of the cell are preferred
-
-
 def posture_near(problem: Problem, place: Sequence[float] | None) -> Array:
     """A posture (n,) [rad or m] whose tool point is near a place [m]: of random ones the nearest that is clear."""
     robot = problem.robot
     low, high = drawn_between(robot)
-    Q = np.random.default_rng(0).uniform(low, high, (_POSTURES, robot.n))
+    Q = np.random.default_rng(0).uniform(low, high, (2000, robot.n))  # takes some ms
     points = np.asarray(problem.arm.position(Q))
     middle = points[points[:, 0] >= min(0.0, points[:, 0].max())].mean(axis=0) if place is None else np.asarray(place)
     away = np.linalg.norm(points - middle, axis=1)
-    Q = Q[np.argsort(away, kind="stable")[:_NEAREST]]
+    Q = Q[np.argsort(away, kind="stable")[:50]]
     return np.asarray(Q[int(np.argmax(problem.scene.least(Q) > 0.0))])

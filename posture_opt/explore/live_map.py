@@ -5,13 +5,12 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
-from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from posture_opt.errors import InputError, Issue, PostureOptError
-from posture_opt.explore.drawing import rgb, wxyz
+from posture_opt.explore.drawing import line, rgb, wxyz
 from posture_opt.explore.other_process import OtherProcess
 from posture_opt.numerics import Array, Progress
 from posture_opt.problem.problem import Problem
@@ -23,7 +22,7 @@ from posture_opt.statements.notation import sentence, stated
 if TYPE_CHECKING:
     import viser
 
-_FIRST, _COUNT = 5, 11  # targets along each side: of a first look, and of the map
+_STOP, _AWAY = "Stop the map", "Take the map away"
 
 
 @dataclass(frozen=True)
@@ -58,14 +57,12 @@ class Heat:
     def best(self) -> Array:
         """(3,) where the standard deviation is least [m], world."""
         row, column = np.unravel_index(int(np.nanargmin(self.sigma)), self.sigma.shape)
-        return np.asarray(
-            self.origin + self.values[0][column] * self.axes[0] + self.values[1][row] * self.axes[1], dtype=float
-        )
+        return np.asarray(self.origin + self.values[0][column] * self.axes[0] + self.values[1][row] * self.axes[1])
 
 
 def passes_of(problem: Problem) -> tuple[int, ...]:
     """How many targets along each side maps have that follow each other, a first look before the whole one."""
-    return (_COUNT,) if _has_features(problem) else (_FIRST, _COUNT)
+    return (11,) if _has_features(problem) else (5, 11)
 
 
 def heat_of(problem: Problem, count: int, progress: Progress) -> Heat:
@@ -75,7 +72,7 @@ def heat_of(problem: Problem, count: int, progress: Progress) -> Heat:
         progress: called with (done, total) steps.
     """
     if _has_features(problem):
-        return _of_placements(problem)
+        return _heat_of_placements(problem)
     found = map_targets(problem, counts=(count, count), progress=progress)
     u, v, w = found.grid.values
     origin = found.grid.origin + w[0] * found.grid.axes[2]
@@ -86,7 +83,7 @@ def _has_features(problem: Problem) -> bool:
     return problem.task is not None and bool(problem.task.features)
 
 
-def _of_placements(problem: Problem) -> Heat:
+def _heat_of_placements(problem: Problem) -> Heat:
     found = select_posture(problem)
     bench = None if found.placement is None else getattr(found.placement, "bench", lambda _: None)(found.postures)
     if bench is None or max(bench.axes) > 1:
@@ -94,14 +91,6 @@ def _of_placements(problem: Problem) -> Heat:
         raise InputError(Issue("the workpiece is not free along x and y: there is no bench to map", hint=hint))
     origin = np.array([0.0, 0.0, found.w[2]])
     return Heat(origin, np.eye(3)[list(bench.axes)], bench.values, bench.sigma.T, "workpiece")
-
-
-_PIXELS = 16  # along the side of a cell
-_OPACITY = 215  # of 255
-_LIFT_M = 2e-3  # over the plane of the targets: what lies in it does not shine through
-_HIGH_QUANTILE = 0.95  # places beyond it do not widen the scale of colours
-_BALL_SHARE = 0.012  # of the map's side: the best place
-_STOP, _AWAY = "Stop the map", "Take the map away"
 
 
 class LiveMap:
@@ -149,15 +138,18 @@ class LiveMap:
         self._process.stop()
 
     def _run(self, problem: Problem) -> None:
+        def progress(done: int, most: int) -> None:
+            self._bar.value = 100.0 * min(done / max(most, 1), 1.0)
+
         with self._running:
             self.clear()
             self._wanted.set()
             self._bar.animated, self._bar.visible, self._off.visible, self._off.label = True, True, True, _STOP
             for count in passes_of(problem):
                 self._bar.value = 0.0
-                found = self._process.call(heat_of, problem, count, progress=self._progress)
+                found = self._process.call(heat_of, problem, count, progress=progress)
                 if isinstance(found, PostureOptError):
-                    self._words.content = _line(sentence(str(found)))
+                    self._words.content = line(sentence(str(found)))
                 elif found is not None:
                     self._show(found)
                 if not self._wanted.is_set():
@@ -165,38 +157,33 @@ class LiveMap:
             self._bar.visible, self._off.label = False, _AWAY
             self._off.visible = self._heat is not None
 
-    def _progress(self, done: int, most: int) -> None:
-        self._bar.value = 100.0 * min(done / max(most, 1), 1.0)
-
     def _show(self, heat: Heat) -> None:
         self._heat = heat
-        low, high = float(np.nanmin(heat.sigma)), float(np.nanquantile(heat.sigma, _HIGH_QUANTILE))
+        low, high = float(np.nanmin(heat.sigma)), float(np.nanquantile(heat.sigma, 0.95))  # single peaks do not count
         width, height = heat.size
         R = np.column_stack([heat.axes[0], -heat.axes[1], np.cross(heat.axes[0], -heat.axes[1])])  # rows run down
+        lifted = heat.middle + np.array([0.0, 0.0, 2e-3])  # what lies in the plane does not shine through
         self._server.scene.add_image(
             "/map/heat", picture(heat.sigma, low, high), width, height, format="png", cast_shadow=False,
-            receive_shadow=False, wxyz=wxyz(R), position=tuple(heat.middle + np.array([0.0, 0.0, _LIFT_M])),
+            receive_shadow=False, wxyz=wxyz(R), position=tuple(lifted),
         )  # fmt: skip
-        best = self._server.scene.add_icosphere("/map/best", _BALL_SHARE * max(width, height), rgb(VERMILLION))
+        best = self._server.scene.add_icosphere("/map/best", 0.012 * max(width, height), rgb(VERMILLION))
         best.position = tuple(heat.best)
         x, y, z = 1e3 * heat.best
         rows, columns = heat.sigma.shape
-        self._words.content = _line(
+        self._words.content = line(
             f"Standard deviation at {columns} by {rows} places from {stated(low, 'm')} (dark) "
             f"to {stated(high, 'm')} (bright); the least, at the red ball, with the {heat.what} at "
             f"({x:.1f}, {y:.1f}, {z:.1f}) mm."
-            + (" Places in white: no posture does the task." if np.isnan(heat.sigma).any() else "")
+            + " Places in white: no posture does the task."
+            * bool(np.isnan(heat.sigma).any())
         )
         self._there.visible = heat.what == "target"
 
 
 def picture(sigma: Array, low: float, high: float) -> Array:
-    """The colours (p, q, 4) of a map (v, u), each cell as many pixels, the last row at the top; NaN is seen through."""
+    """The colours (p, q, 4) of a map (v, u), a cell 16 by 16 pixels, the last row at the top; NaN is seen through."""
     there = np.isfinite(sigma)
     colours = mapped_colours(np.where(there, sigma, low), low, high)
-    pixels = np.concatenate([colours, np.where(there, _OPACITY, 0)[..., None]], axis=-1).astype(np.uint8)[::-1]
-    return np.asarray(np.repeat(np.repeat(pixels, _PIXELS, axis=0), _PIXELS, axis=1))
-
-
-def _line(words: str) -> str:
-    return f'<p style="margin:4px 14px;font-size:13px" role="status">{escape(words)}</p>'
+    pixels = np.concatenate([colours, np.where(there, 215, 0)[..., None]], axis=-1).astype(np.uint8)[::-1]
+    return np.asarray(np.repeat(np.repeat(pixels, 16, axis=0), 16, axis=1))

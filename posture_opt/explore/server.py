@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
 Answer = Callable[[Any, Any], Any]  # A connection and its request -> a response; None where the web socket is opened
 
-_ALIVE = "/alive"
 _SCRIPT = """<script>
 addEventListener("DOMContentLoaded", () => {
   const say = (text) => {
@@ -62,7 +61,10 @@ class Gate:
 
     @contextmanager
     def before(self) -> Iterator[None]:
-        """Stands before the server that is started meanwhile; ``closed`` says whether it does."""
+        """Stand before the server that is started meanwhile; ``closed`` says whether it does.
+
+        viser has no hook for it. Its server is one of the library websockets, which asks ``process_request`` first.
+        """
         with _serving:
             library = import_module("websockets.asyncio.server")
             serve = library.serve
@@ -91,7 +93,7 @@ class Gate:
             path = self._path(request.path.partition("?")[0])
             if path is None or not self._from_here(request.headers):
                 return respond(HTTPStatus.FORBIDDEN, b"Open the page at the whole address that the program printed.")
-            if path == _ALIVE:
+            if path == "/alive":
                 return respond(HTTPStatus.OK, b"alive")
             found = answer(connection, messages.Request(path, request.headers))
             if found is None or path != "/" or found.status_code != HTTPStatus.OK:
@@ -108,12 +110,14 @@ class Gate:
         return f"/{rest}" if secrets.compare_digest(first.encode(), self.token.encode()) else None
 
     def _from_here(self, headers: Any) -> bool:
+        """Whether a request comes from the page that is served here, or from no page (RFC 6455, section 10.2)."""
         host, origin = headers.get("Host", ""), headers.get("Origin")
         if origin is not None and urlsplit(origin).netloc != host:
             return False
         return bool(self.token) or is_this_machine(urlsplit(f"//{host}").hostname or "")
 
     def _with_script(self, found: Any) -> bytes:
+        """The page with its title, and what it says where it is not drawn or nobody answers; compressed once."""
         if self._page is None:
             zipped = found.headers.get("Content-Encoding") == "gzip"
             page = gzip.decompress(found.body) if zipped else found.body
@@ -133,7 +137,6 @@ def is_this_machine(host: str) -> bool:
 
 
 INSTALL = "pip install 'posture_opt[explore]'"  # What brings the live page
-_TOKEN_BYTES = 18  # random ones: 24 characters
 
 
 @dataclass(frozen=True)
@@ -155,7 +158,7 @@ def served(host: str, port: int, title: str) -> Served:
         raise InputError(Issue("the live page needs the library viser", hint=f"install it: {INSTALL}")) from None
     _check_address(host)
     private = is_this_machine(host)
-    gate = Gate("" if private else secrets.token_urlsafe(_TOKEN_BYTES), title)
+    gate = Gate("" if private else secrets.token_urlsafe(18), title)
     try:
         with redirect_stdout(io.StringIO()), gate.before():  # a banner, whatever `verbose` says
             found: viser.ViserServer = module.ViserServer(host=host, port=port, label=title, verbose=False)
@@ -170,10 +173,12 @@ def served(host: str, port: int, title: str) -> Served:
 
 
 def _addressed(found: viser.ViserServer, host: str, token: str) -> Served:
+    """The address of a server, and who can reach it."""
+    shown = f"[{host}]" if ":" in host else host
     if not token:
-        return Served(found, f"http://{_in_address(host)}:{found.get_port()}", "")
+        return Served(found, f"http://{shown}:{found.get_port()}", "")
     everywhere = ipaddress.ip_address(socket.gethostbyname(host)).is_unspecified if ":" not in host else host == "::"
-    name = socket.gethostname() if everywhere else _in_address(host)
+    name = socket.gethostname() if everywhere else shown
     url = f"http://{name}:{found.get_port()}/{token}/"
     reach = "every machine that reaches this one" if everywhere else f"every machine that reaches {host}"
     return Served(found, url, f"Whoever has this address can open the page from {reach}; nothing is encrypted.")
@@ -186,13 +191,8 @@ def _check_address(host: str) -> None:
             tried.bind(address)
     except OSError as error:
         hint = "name an address of this machine: 127.0.0.1, or 0.0.0.0 for all of them"
-        raise InputError(
-            Issue(f"no page can be served at '{host}': {error.strerror}", ("--host",), host, hint)
-        ) from None
-
-
-def _in_address(host: str) -> str:
-    return f"[{host}]" if ":" in host else host
+        text = f"no page can be served at '{host}': {error.strerror}"
+        raise InputError(Issue(text, ("--host",), host, hint)) from None
 
 
 def stop(running: viser.ViserServer) -> None:
