@@ -16,8 +16,6 @@ from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.select_posture import select_posture
 from posture_opt.spec import Spec
 
-_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
-
 
 @dataclass(frozen=True)
 class Exported:
@@ -73,7 +71,7 @@ class ExportFormat(Spec):
     def stem(self) -> str:
         """The name, checked."""
         name = self.name or self.default
-        if not _NAME.fullmatch(name):
+        if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name):
             raise InputError(Issue(f"{name!r} is no name", ("--name",), name, "use letters, digits and _"))
         words = self.reserved if self.case_counts else {word.lower() for word in self.reserved}
         if (name if self.case_counts else name.lower()) in words:
@@ -81,17 +79,12 @@ class ExportFormat(Spec):
         return name
 
 
-_NO_TASK = "the problem has no task: there is no objective to export"
-_SEVERAL_TARGETS = (
-    "the task has several targets, so no single objective is exported: write one for one of them with --position"
-)
-_WORKPIECE_ERRS = "the objective counts the errors of the workpiece; the covariance is that of the arm alone"
-
-
 def objective_or_note(problem: ProblemData) -> tuple[tuple[Any, dict[str, str]] | None, tuple[str, ...]]:
     """The function of `task_objective` with its descriptions, and sentences on what is left out or counted."""
     if problem.task is None:
-        return None, (_NO_TASK,)
+        return None, ("the problem has no task: there is no objective to export",)
     if problem.task.features or problem.task.on_path:
-        return None, (_SEVERAL_TARGETS,)
-    return task_objective(problem), () if problem.workpiece_sources.empty else (_WORKPIECE_ERRS,)
+        text = "the task has several targets, so no single objective is exported"
+        return None, (f"{text}: write one for one of them with --position",)
+    errs = "the objective counts the errors of the workpiece; the covariance is that of the arm alone"
+    return task_objective(problem), () if problem.workpiece_sources.empty else (errs,)

@@ -12,11 +12,6 @@ from posture_opt.export.export_format import Exported, ExportFormat, ExportSourc
 from posture_opt.export.robot_program import RobotProgram, plain
 from posture_opt.robot.robot import Robot
 
-_TOOL_DATA = (
-    "The tool data is that of the model, in its flange frame: check that the controller's flange frame is the same."
-)
-_ROBOT_AXES = 6  # Axes of a robot in the languages of controllers; more are external ones
-
 
 class ProgramFormat(ExportFormat):
     """A robot program: it drives to every stop, joint by joint or with the tool on a line, and waits there."""
@@ -37,18 +32,19 @@ class ProgramFormat(ExportFormat):
     def written(self, program: RobotProgram) -> Exported:
         """A program in this language."""
         if program.robot.n > self.most_joints:
-            raise InputError(self._too_many(program.robot.n))
-        tool = (_TOOL_DATA,) if program.has_lines and self.maker else ()
-        names = [program.robot.joint_names[j] for j in axes_of(program.robot)[1]] if self.maker else []
-        external = (f"External axes, in this order: {', '.join(names)}.",) if names else ()
-        program = replace(program, notes=(*self._other_maker(program.robot), *external, *tool, *program.notes))
+            message = f"the arm has {program.robot.n} joints, and a program of this kind moves {self.most_joints}"
+            raise InputError(Issue(message, ("--to",), self.summary.split(":")[0], "use --to jointstate"))
+        notes = []
+        robot, maker = program.robot, maker_of(program.robot.name)
+        if maker and self.maker and maker != self.maker:
+            notes.append(f"The arm is a {robot.name}, and this is a program for controllers of {self.maker}.")
+        if self.maker and (external := axes_of(robot)[1]):
+            notes.append(f"External axes, in this order: {', '.join(robot.joint_names[j] for j in external)}.")
+        if self.maker and program.has_lines:
+            text = "The tool data is that of the model, in its flange frame: check that the controller's flange frame"
+            notes.append(f"{text} is the same.")
+        program = replace(program, notes=(*notes, *program.notes))
         return Exported(self.files(program), program.notes)
-
-    def _other_maker(self, robot: Robot) -> tuple[str, ...]:
-        maker = maker_of(robot.name)
-        if not maker or not self.maker or maker == self.maker:
-            return ()
-        return (f"The arm is a {robot.name}, and this is a program for controllers of {self.maker}.",)
 
     @abstractmethod
     def files(self, program: RobotProgram) -> dict[str, str]:
@@ -58,17 +54,16 @@ class ProgramFormat(ExportFormat):
         """A line of comment for each text that is not empty, in printable ASCII: nothing in it can end the line."""
         return [f"{self.comment_mark} {plain(text)}" for text in texts if text]
 
-    def _too_many(self, joints: int) -> Issue:
-        message = f"the arm has {joints} joints, and a program of this kind moves {self.most_joints}"
-        return Issue(message, ("--to",), self.summary.split(":")[0], "use --to jointstate")
-
 
 def axes_of(robot: Robot) -> tuple[list[int], list[int]]:
-    """Which joints are the six axes of the robot in the languages of controllers, and which its external ones."""
+    """Which joints are the six axes of the robot in the languages of controllers, and which its external ones.
+
+    A rail in front of six joints that turn is external, and so is what is behind the sixth axis.
+    """
     every = list(range(robot.n))
     rail = next((k for k in every if robot.joints[k].type == "revolute"), 0)
-    first = min(rail, max(robot.n - _ROBOT_AXES, 0))
-    return every[first : first + _ROBOT_AXES], [*every[:first], *every[first + _ROBOT_AXES :]]
+    first = min(rail, max(robot.n - 6, 0))
+    return every[first : first + 6], [*every[:first], *every[first + 6 :]]
 
 
 def seconds(value: float) -> str:

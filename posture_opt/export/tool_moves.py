@@ -24,16 +24,9 @@ from posture_opt.uncertainty.spread.joint_digits import joint_digits
 
 # Speed of the tool point [m/s] at 100 % where the task states none: the reduced speed of ISO 10218-1.
 REDUCED_SPEED = 0.25
-DEFAULT_APPROACH_M = 0.05
 # Radii within which the tool may round a corner: the finest two that ABB predefines (z1, z0), for all languages.
 BLENDS_M = (1e-3, 0.3e-3)
-_MAX_BLEND_SHARE = 0.25  # Of the distance to the next point, so that two corners never meet
-_ITERATIONS = 30
-_LINE_STEP_M = 0.01  # Between two postures of a line that are looked at
-# Of the joint that moves most, or m, between two postures of a move that are looked at.
-_LEG_STEP_RAD = math.radians(3.0)
-_DIFFERENCE = 1e-6  # Step [rad or m] of the central differences of the pose
-_REACHED = 1e-7  # Of the position [m] and of the turn [rad] at an approach point
+_REACHED = 1e-9  # of the position [m] and of the turn [rad] at an approach point
 
 
 @dataclass(frozen=True)
@@ -76,7 +69,8 @@ def path_moves(positions: Array, lengths: Array, speed: float) -> list[Move]:
     """
     gaps = np.linalg.norm(np.diff(positions, axis=0), axis=1)
     room = [0.0, *np.minimum(gaps[:-1], gaps[1:]), 0.0] if len(gaps) else [0.0]
-    blends = [next((b for b in BLENDS_M if b <= _MAX_BLEND_SHARE * free), 0.0) for free in room]
+    # At most a quarter of the way to the next point, so that two corners never meet.
+    blends = [next((b for b in BLENDS_M if b <= 0.25 * free), 0.0) for free in room]
     rows = zip(blends, lengths, strict=True)
     return [Move(k > 0, blend, True, float(length) / speed) for k, (blend, length) in enumerate(rows)]
 
@@ -100,18 +94,19 @@ def _line(arm: Arm, q: Array, shift: Array, free: Codes) -> Array | None:
     """Postures (K, n) from ``q`` on, the tool moved by up to ``shift`` (3,) [m] and turned the same."""
     start = np.asarray(arm.pose(q), dtype=float)
     lower, upper, found = np.array(arm.robot.lower), np.array(arm.robot.upper), []
-    for share in np.linspace(0, 1, max(math.ceil(float(np.linalg.norm(shift)) / _LINE_STEP_M), 2) + 1)[1:]:
+    for share in np.linspace(0, 1, max(math.ceil(float(np.linalg.norm(shift)) / 0.01), 2) + 1)[1:]:  # each 10 mm
         wanted = start.copy()
         wanted[:3, 3] += share * shift
-        for _ in range(_ITERATIONS):
+        for _ in range(30):
+            # Gauss-Newton with the Jacobian of the chain: effects change it by little.
             miss = _twist(np.asarray(arm.pose(q), dtype=float), wanted)
             if np.linalg.norm(miss) < _REACHED:
                 break
-            step = np.linalg.lstsq(_slopes(arm, q)[:, free], miss, rcond=1e-6)[0]
+            step = np.linalg.lstsq(np.asarray(arm.jacobian(q), dtype=float)[:, free], miss, rcond=1e-6)[0]
             q = q + np.bincount(free, step, minlength=len(q))
         miss = _twist(np.asarray(arm.pose(q), dtype=float), wanted)
         counted = miss if len(free) >= 6 else miss[:3]
-        if np.any((q < lower) | (q > upper)) or np.linalg.norm(counted) >= 10 * _REACHED:
+        if np.any((q < lower) | (q > upper)) or np.linalg.norm(counted) >= 1e-6:
             return None
         found.append(q)
     return np.array(found)
@@ -122,13 +117,6 @@ def _twist(T: Array, wanted: Array) -> Array:
     R = wanted[:3, :3] @ T[:3, :3].T
     turn = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
     return np.concatenate([wanted[:3, 3] - T[:3, 3], turn])
-
-
-def _slopes(arm: Arm, q: Array) -> Array:
-    """(6, n) change of shift and turn with each joint, by central differences."""
-    steps = _DIFFERENCE * np.eye(len(q))
-    pairs = [(np.asarray(arm.pose(q - h), dtype=float), np.asarray(arm.pose(q + h), dtype=float)) for h in steps]
-    return np.column_stack([_twist(low, high) for low, high in pairs]) / (2 * _DIFFERENCE)
 
 
 def with_way(
@@ -162,27 +150,21 @@ def blocked_legs(problem: ProblemData, stops: Sequence[Stop]) -> list[str]:
     """From which stop to which one an even move of the joints does not keep clear, in words."""
     found = []
     for a, b in pairwise(stops):
-        count = math.ceil(float(np.abs(b.q - a.q).max()) / _LEG_STEP_RAD)
+        count = math.ceil(float(np.abs(b.q - a.q).max()) / math.radians(3.0))  # of the joint that moves most, or m
         shares = np.linspace(0, 1, count + 1)[1:-1, None]
         if len(shares) and not is_clear(problem.scene, (1 - shares) * a.q + shares * b.q).all():
             found.append(f"{a.label or 'the stop'} to {b.label or 'the stop'}")
     return found
 
 
-_RUN_RAD = math.radians(2.0)  # Way of a joint to its stop [rad]: many times the play of any gear
-_TRAVELS = 3.0  # Times the travel of a hysteresis that a joint comes: all but a twentieth of it is reached then
-# Least move of such a joint on the line to a stop [rad]: it only has to go on as it came to the line's beginning.
-_LAST_MOVE_RAD = math.radians(0.01)
-_ROUNDINGS = 2.0  # Steps of the digits of a program that this is at least
-_MAX_SLANT = 0.05  # Sideways shift of an approach point for that, as a share of the line
-
-
 def runs(problem: ProblemData) -> Array:
     """(n,) how far each joint should come to its stop from one side [rad]; zero where no effect depends on it."""
-    sided = [effect for effect in problem.arm.effects if "approach" in effect.needs]
     ways = dict.fromkeys(problem.robot.joint_names, 0.0)
-    for effect in sided:
-        ways[effect.target] = max(ways[effect.target], _RUN_RAD, _TRAVELS * getattr(effect, "travel", 0.0))
+    for effect in problem.arm.effects:
+        if "approach" in effect.needs:
+            # Many times the play of any gear; of a hysteresis all but a twentieth is reached after three travels.
+            way = max(math.radians(2.0), 3.0 * getattr(effect, "travel", 0.0))
+            ways[effect.target] = max(ways[effect.target], way)
     return np.array(list(ways.values()))
 
 
@@ -202,20 +184,18 @@ def side_words(problem: ProblemData, sides: Array, which: Mask) -> str:
 
 def from_sides(problem: ProblemData, start: Array, q: Array, sides: Array, length: float, name: str) -> Array:
     """The beginning (n,) of a line of ``length`` [m] to ``q`` (n,), moved until joints go on to their sides on it."""
-    least = max(_LAST_MOVE_RAD, _ROUNDINGS * joint_digits(problem, q).turn)
+    # A joint only has to go on as it came to the line's beginning, by more than its digits can say.
+    least = max(math.radians(0.01), 2.0 * joint_digits(problem, q).turn)
     against = (sides != 0) & (sides * (q - start) < least)
     moved = np.where(against, q - sides * least, start)
     shift = np.asarray(problem.arm.jacobian(start), dtype=float)[:3] @ (moved - start)
-    if np.linalg.norm(shift) > _MAX_SLANT * length:
+    if np.linalg.norm(shift) > 0.05 * length:
         names = listed(problem.robot.joint_names[j] for j in np.flatnonzero(against))
         raise NoSolutionError(
             f"the way in{name} moves {names} against the side that the answer holds for: state the other side "
             "(task: approach), or come to the stop joint by joint (--approach 0)"
         )
     return np.asarray(moved)
-
-
-_SHARES = (1.0, 0.5, 0.25)  # Of a run, where the arm is not clear at its start, or a joint would leave its limits
 
 
 def with_arrivals(problem: ProblemData, stops: Sequence[Stop]) -> tuple[list[Stop], list[str]]:
@@ -242,24 +222,19 @@ def with_arrivals(problem: ProblemData, stops: Sequence[Stop]) -> tuple[list[Sto
         rows.append(stop)
     if on_lines:
         notes.append(f"Joints come to {listed(on_lines)} from another side than the answer holds for.")
-    added = len(rows) - len(stops)
-    return rows, [*([_added_note(problem, rows)] if added else []), *notes]
-
-
-def _added_note(problem: ProblemData, stops: Sequence[Stop]) -> str:
-    tool = np.asarray(problem.arm.position(np.array([stop.q for stop in stops])), dtype=float)
-    pairs = zip(pairwise(stops), np.linalg.norm(np.diff(tool, axis=0), axis=1), strict=True)
-    away = 1e3 * max(gap for (a, _), gap in pairs if a.label.startswith("before"))
-    return (
-        f"Stops in front of some others, up to {away:.0f} mm beside them, bring joints in from the side that their "
-        "values hold for: keep them, and see that there is room."
-    )
+    if len(rows) > len(stops):
+        tool = np.asarray(problem.arm.position(np.array([stop.q for stop in rows])), dtype=float)
+        pairs = zip(pairwise(rows), np.linalg.norm(np.diff(tool, axis=0), axis=1), strict=True)
+        away = 1e3 * max(gap for (a, _), gap in pairs if a.label.startswith("before"))
+        text = f"Stops in front of some others, up to {away:.0f} mm beside them, bring joints in from the side that "
+        notes.insert(0, f"{text}their values hold for: keep them, and see that there is room.")
+    return rows, notes
 
 
 def _clear_start(problem: ProblemData, q: Array, way: Array) -> Array | None:
     """A posture (n,) from which joints come to q (n,) along a ``way`` (n,) [rad]; None where none is clear."""
     lower, upper = np.array(problem.robot.lower), np.array(problem.robot.upper)
-    for share in _SHARES:
+    for share in (1.0, 0.5, 0.25):
         start = q - share * way
         if np.all((lower <= start) & (start <= upper)) and bool(is_clear(problem.scene, start[None])[0]):
             return np.asarray(start)

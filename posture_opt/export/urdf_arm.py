@@ -27,10 +27,6 @@ from posture_opt.robot.urdf_reader import urdf_tree
 from posture_opt.robot.urdf_tree import UrdfTree
 from posture_opt.texts import one_line
 
-_EFFORT, _VELOCITY = 1000.0, 1.0  # N m or N, rad/s or m/s: the format requires limits, where nobody states one
-_NO_MASSES = "masses are left out: a URDF wants tensors of inertia with them, and the problem file has none"
-_BALL = 1e-9  # m: a shorter capsule is one ball
-
 
 class UrdfArm(ExportFormat):
     """A URDF file whose forward kinematics is that of the corrected arm, from ``world`` to ``tool``."""
@@ -46,31 +42,21 @@ class UrdfArm(ExportFormat):
         left_out = (f"a URDF cannot hold effects: left out are {effects}",) if effects else ()
         free = [frame for frame in ("base", "tool") if getattr(problem.robot, f"{frame}_free")]
         found = tuple(f"the {frame} is free, to be found from data: here it is at its start value" for frame in free)
-        if problem.robot.description is not None:
-            notes = (*left_out, *found, *_kept_notes(problem.robot.description))
-            text = corrected_document(problem.robot, problem.robot.description, self.stem, _comment(notes))
+        robot, notes = problem.robot, [*left_out, *found]
+        if robot.description is not None:
+            if files := relative_meshes(robot.description.data):
+                notes.append(f"meshes are named from the folder of the URDF, {files[0]} say: put this file beside it")
+            text = corrected_document(robot, robot.description, self.stem, _comment(notes))
         else:
-            notes = (*left_out, *found, *_placeholder_note(problem.robot), _NO_MASSES)
-            text = urdf_text(problem.robot, self.stem, notes)
-        return Exported({f"{self.stem}.urdf": text}, notes)
-
-
-def _placeholder_note(robot: Robot) -> tuple[str, ...]:
-    unknown = [
-        words
-        for words, values in (("effort", [joint.effort for joint in robot.joints]), ("velocity", robot.velocities))
-        if any(map(math.isnan, values))
-    ]
-    if not unknown:
-        return ()
-    return (f"{' and '.join(unknown)} limits of joints are placeholders where the problem file has none",)
-
-
-def _kept_notes(description: UrdfDescription) -> tuple[str, ...]:
-    files = relative_meshes(description.data)
-    if not files:
-        return ()
-    return (f"meshes are named from the folder of the URDF, {files[0]} say: put this file beside it",)
+            limits = {"effort": [joint.effort for joint in robot.joints], "velocity": robot.velocities}
+            unknown = " and ".join(word for word, values in limits.items() if any(map(math.isnan, values)))
+            if unknown:
+                notes.append(f"{unknown} limits of joints are placeholders where the problem file has none")
+            notes.append(
+                "masses are left out: a URDF wants tensors of inertia with them, and the problem file has none"
+            )
+            text = urdf_text(robot, self.stem, notes)
+        return Exported({f"{self.stem}.urdf": text}, tuple(notes))
 
 
 def _comment(notes: Sequence[str]) -> str:
@@ -95,25 +81,24 @@ def urdf_text(robot: Robot, name: str, notes: Sequence[str] = ()) -> str:
 
 
 def _links(robot: Robot, names: Sequence[str], behind: Sequence[Sequence[Factor]]) -> list[str]:
+    """The links with the shape of the arm, whose capsules are given in the frames behind the joints."""
     carried = [BASE, *robot.joint_names, TOOL]
     frames = [np.eye(4), *map(fixed_pose, behind), np.eye(4)]
     link_of = dict(zip(carried, [*names[1:-2], names[-1]], strict=True))
     shown = {
-        link_of[owner]: shape_lines([c for c in robot.shape if c.joint == owner], T)
+        link_of[owner]: [line for c in robot.shape if c.joint == owner for line in _capsule(c, T)]
         for owner, T in zip(carried, frames, strict=True)
     }
     found = []
     for name in names:
-        inside = shown.get(name)
-        found += (
-            [f"  <link name={quoteattr(name)}>", *inside, "  </link>"]
-            if inside
-            else [f"  <link name={quoteattr(name)}/>"]
-        )
+        tag, inside = f"  <link name={quoteattr(name)}", shown.get(name)
+        found += [f"{tag}>", *inside, "  </link>"] if inside else [f"{tag}/>"]
     return found
 
 
 def _parts(robot: Robot) -> tuple[list[tuple[Factor, ...]], list[tuple[Factor, ...]]]:
+    """Of each link the factors up to its joint variable, whose nominal value is among them, and those behind it."""
+    # A turn by the nominal value and one by the joint variable are about one axis: the order of the two is free.
     before, behind = [], []
     for link in robot.links:
         at = next(i for i, factor in enumerate(link) if factor.joint is not None)
@@ -138,8 +123,9 @@ def _moving(joint: Joint, parent: str, child: str, factors: Iterable[Factor], ax
     along = " ".join("1" if k == axis else "0" for k in range(3))
     head = f'  <joint name={quoteattr(joint.name)} type="{joint.type}">'
     bounds = f'lower="{float(joint.lower)!r}" upper="{float(joint.upper)!r}"'
-    effort = _EFFORT if math.isnan(joint.effort) else float(joint.effort)
-    velocity = _VELOCITY if math.isnan(joint.velocity) else float(joint.velocity)
+    # The format requires limits, where nobody states one.
+    effort = 1000.0 if math.isnan(joint.effort) else float(joint.effort)
+    velocity = 1.0 if math.isnan(joint.velocity) else float(joint.velocity)
     limit = f'    <limit {bounds} effort="{effort!r}" velocity="{velocity!r}"/>'
     motion = f'    <axis xyz="{along}"/>'
     return "\n".join([head, *_ends(parent, child), _origin(factors), motion, limit, "  </joint>"])
@@ -152,23 +138,16 @@ def _ends(parent: str, child: str) -> tuple[str, str]:
 def _unique(names: Sequence[str]) -> list[str]:
     found: list[str] = []
     for name in names:
-        fresh = name
-        while fresh in found:
-            fresh += "_"
-        found.append(fresh)
+        found.append(_fresh(name, found))
     return found
 
 
-def shape_lines(capsules: Iterable[Capsule], T: Array) -> list[str]:
-    """The elements of a link; T (4, 4) maps the frame that the capsules are given in to the link's."""
-    return [line for capsule in capsules for line in _capsule(capsule, T)]
-
-
 def _capsule(capsule: Capsule, T: Array) -> list[str]:
+    """A cylinder with a ball at both ends; T (4, 4) maps the frame that the capsule is given in to the link's."""
     start, end = (T[:3, :3] @ np.array(point) + T[:3, 3] for point in (capsule.start, capsule.end))
     length = float(np.linalg.norm(end - start))
     ball = f'<sphere radius="{capsule.radius!r}"/>'
-    if length < _BALL:
+    if length < 1e-9:
         return _both((start + end) / 2, (0.0, 0.0), ball)
     x, y, z = (end - start) / length
     turned = math.atan2(math.hypot(x, y), z), math.atan2(y, x)
