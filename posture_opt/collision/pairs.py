@@ -1,4 +1,4 @@
-"""Which capsules of an arm are checked against each other, and against an obstacle."""
+"""Which capsules of an arm are checked against each other and against an obstacle, and how near they come."""
 
 from __future__ import annotations
 
@@ -10,8 +10,57 @@ import numpy as np
 from posture_opt.collision.obstacles import Obstacle
 from posture_opt.collision.placed_capsules import PlacedCapsules
 from posture_opt.collision.segment_distances import to_segment
-from posture_opt.numerics import Array, Mask
+from posture_opt.numerics import Array, Json, Mask
 from posture_opt.robot.joint_ranges import drawn_between
+
+
+class Nearest(NamedTuple):
+    """The least distance of some pairs.
+
+    Args:
+        distance: [m]; zero or less where bodies overlap, but not how deep.
+        between: two joints, or a joint and an obstacle.
+    """
+
+    distance: float
+    between: tuple[str, str]
+
+    def to_json(self) -> dict[str, Json]:
+        """Distance and names."""
+        return {"distance": self.distance, "between": list(self.between)}
+
+
+class Clearance(NamedTuple):
+    """The least distances and where they are.
+
+    Args:
+        cell: of the arm to obstacles and mounting plane; None where it is checked against neither.
+        own: of the arm to itself; None where that is not checked.
+    """
+
+    cell: Nearest | None
+    own: Nearest | None
+
+    @property
+    def nearest(self) -> Nearest:
+        """The least of both."""
+        return min((part for part in self if part is not None), key=lambda part: part.distance)
+
+    @property
+    def distance(self) -> float:
+        """The least distance [m]."""
+        return self.nearest.distance
+
+    @property
+    def between(self) -> tuple[str, str]:
+        """Where that is."""
+        return self.nearest.between
+
+    def to_json(self) -> dict[str, Json]:
+        """The key ``clearance`` of a document."""
+        parts = {"cell": self.cell, "self": self.own}
+        return {**self.nearest.to_json(), **{key: part and part.to_json() for key, part in parts.items()}}
+
 
 _POSTURE_COUNT = 1000
 """Random postures: a median is then known to 1.6 % of them (one standard deviation)."""

@@ -12,8 +12,7 @@ import posture_opt as po
 from posture_opt.errors import InputError, NoSolutionError
 from posture_opt.report.parts.path_parts import points_block
 from posture_opt.report.text.blocks import Table
-from posture_opt.selection.paths.joint_steps import JointSteps
-from posture_opt.selection.paths.step_graph import StepGraph
+from posture_opt.selection.paths.joint_steps import JointSteps, StepGraph
 from posture_opt.selection.paths.task_path import TaskPath, between, tangents
 from tests.helpers import factors
 from tests.helpers.changes import changed

@@ -11,8 +11,7 @@ import numpy as np
 from pydantic import Field, field_validator
 
 from posture_opt.collision.facets import rectangle
-from posture_opt.collision.obstacles.obstacle import Obstacle, Size
-from posture_opt.collision.product_solid import FREE, ProductSolid
+from posture_opt.collision.obstacles.obstacle import FREE, Obstacle, ProductSolid, Size
 from posture_opt.collision.segment_distances import to_half_space
 from posture_opt.collision.smooth_bounds import half_space_bounds
 from posture_opt.errors import BadValueError

@@ -10,8 +10,7 @@ import casadi as ca
 import numpy as np
 from pydantic import Field, PrivateAttr
 
-from posture_opt.collision.mesh_boxes import EnclosedMesh, OrientedBox, enclosed_mesh
-from posture_opt.collision.mesh_surface import coarser, finer
+from posture_opt.collision.mesh_boxes import EnclosedMesh, OrientedBox, coarser, enclosed_mesh, finer
 from posture_opt.collision.obstacles.box import Box
 from posture_opt.collision.obstacles.obstacle import PlacedObstacle, Size
 from posture_opt.errors import InputError, Issue

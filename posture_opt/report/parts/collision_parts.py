@@ -8,7 +8,7 @@ from posture_opt.errors import listed
 from posture_opt.statements.notation import length, stated_length
 
 if TYPE_CHECKING:
-    from posture_opt.collision.nearest import Clearance
+    from posture_opt.collision.pairs import Clearance
     from posture_opt.collision.scene import Scene
 
 Fact = tuple[str, str]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from posture_opt.report.text.blocks import Block, Later, Table
 from posture_opt.report.text.words import MODEL_NAMES
-from posture_opt.selection.comparison.comparison_statements import FIRST
+from posture_opt.selection.comparison.comparison import FIRST
 from posture_opt.statements.notation import joint_value, length, probability
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from posture_opt.report.page.presenter import Columns, Drawings, Presenter
 from posture_opt.report.parts.comparison_parts import TITLE, comparison_blocks, success_text
 from posture_opt.report.text.blocks import Block, Document, Facts, Summary, Table
 from posture_opt.report.text.words import MODEL_NAMES
-from posture_opt.selection.comparison.comparison_statements import FIRST, is_other_arm
+from posture_opt.selection.comparison.comparison import FIRST, is_other_arm
 from posture_opt.statements.notation import decimals_of, joint_unit, joint_value, length, length_unit
 from posture_opt.units import fixed
 

@@ -31,7 +31,8 @@ from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:
     from posture_opt.report.interactive.arm_view import ArmView
-    from posture_opt.selection.maps.map_points import Grid, MapPoint
+    from posture_opt.selection.maps.grid_layout import Grid
+    from posture_opt.selection.maps.map_points import MapPoint
     from posture_opt.selection.maps.target_map import TargetMap
     from posture_opt.selection.problem_data import ProblemData
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import Generic, TypeVar
 
 import numpy as np
 
@@ -16,12 +17,44 @@ from posture_opt.robot.robot import Robot
 from posture_opt.selection.answer.selector import PostureSelector
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.comparison.comparison import ComparedAnswer, Comparison
-from posture_opt.selection.comparison.on_demand import OnDemand
 from posture_opt.selection.comparison.predicted_error import JudgedAnswer, judged_answer
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.select_posture import at_one_feature, select_posture
 from posture_opt.statements import Statement, state
 from posture_opt.uncertainty.sources.sources import Sources
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, eq=False)
+class OnDemand(Mapping[str, T], Generic[T]):
+    """Values by name, each made when it is first asked for.
+
+    Args:
+        names: of all values, in their order.
+        make: a name -> its value.
+    """
+
+    names: Collection[str]
+    make: Callable[[str], T]
+    _made: dict[str, T] = field(default_factory=dict)
+
+    def __getitem__(self, name: str) -> T:
+        if name not in self.names:
+            raise KeyError(name)
+        if name not in self._made:
+            self._made[name] = self.make(name)
+        return self._made[name]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.names
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.names)
+
+    def __len__(self) -> int:
+        return len(self.names)
+
 
 Reasons = tuple[str, ...]
 """Why there is no answer, in sentences."""

@@ -1,21 +1,17 @@
-"""Which targets a map covers: ``GridRequest`` says what is asked for, ``grid_of`` chooses what it leaves open.
-
-By default the plane is that of a planar arm, else across the direction of the task, and the box is the task's region,
-else 30 % of the reach about its position, else the workspace. Cells are square, 17 along the longer side.
-"""
+"""The targets of a map: ``GridRequest`` says what is asked for, ``grid_of`` chooses what it leaves open."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal, get_args
 
 import numpy as np
 
 from posture_opt.errors import InputError, Issue, NoSolutionError
 from posture_opt.limits import MOST_MAP_TARGETS
-from posture_opt.numerics import Array
-from posture_opt.selection.maps.map_points import ALIGNED, Grid, along_world_axes
+from posture_opt.numerics import Array, Codes, Json
 from posture_opt.selection.program.task_target import Reach, TaskTarget
 from posture_opt.selection.search.relaxation import plane_reason
 
@@ -24,6 +20,95 @@ Plane = Literal["xy", "xz", "yz"]
 _LONGER_SIDE_TARGETS = 17  # targets along it by default: a map of some seconds
 _MIN_SIDE_TARGETS = 5  # along the shorter side: fewer show no shape
 _POSITION_MARGIN = 0.3  # of the reach, to either side of a position
+
+
+ALIGNED = 1e-9  # off one, of the largest component of a unit vector along an axis: rounding
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """Targets ``origin + u e1 + v e2 + w e3``, u running fastest.
+
+    Args:
+        origin: (3,) [m], world.
+        axes: (3, 3) unit vectors e1, e2, e3, one a row: the two that a figure shows, and the one across them.
+        values: of u, v, w [m], ascending.
+    """
+
+    origin: Array
+    axes: Array
+    values: tuple[Array, Array, Array]
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """How many values of w, v and u: the shape of an array over all targets."""
+        u, v, w = map(len, self.values)
+        return w, v, u
+
+    @property
+    def aligned(self) -> bool:
+        """Whether u, v, w are coordinates of the world."""
+        return not self.origin.any() and along_world_axes(self.axes)
+
+    @cached_property
+    def points(self) -> Array:
+        """(N, 3) all targets in the world [m]."""
+        w, v, u = np.meshgrid(*self.values[::-1], indexing="ij")
+        return np.asarray(self.origin + np.stack([u, v, w], axis=-1).reshape(-1, 3) @ self.axes)
+
+    def coordinates(self, points: Array) -> Array:
+        """(N, 3) u, v, w of points in the world (N, 3) [m]."""
+        return np.asarray((points - self.origin) @ self.axes.T)
+
+    @cached_property
+    def neighbours(self) -> tuple[tuple[Codes, Codes], ...]:
+        """For every direction to one of the neighbours: the targets that have one there, and those neighbours."""
+        index = np.arange(math.prod(self.shape)).reshape(self.shape)
+        steps = [(0, 0, 1), (0, 1, 0), (1, 0, 0), (0, 1, 1), (0, 1, -1)]
+        pairs = []
+        for step in steps:
+            here = index[tuple(slice(max(-s, 0), n - max(s, 0)) for s, n in zip(step, self.shape, strict=True))].ravel()
+            there = index[
+                tuple(slice(max(s, 0), n - max(-s, 0)) for s, n in zip(step, self.shape, strict=True))
+            ].ravel()
+            pairs += [(here, there), (there, here)] if len(here) else []
+        return tuple(pairs)
+
+    def cells(self, points: Array) -> Codes:
+        """The target (N,) in whose cell each point (N, 3) [m] is, world; -1 outside of all cells.
+
+        Across the figure's plane a cell is as thick as the distance of its layers; of a single layer, as its longer
+        side.
+        """
+        at = self.coordinates(points)
+        sides = self.sides
+        index, inside = [], np.ones(len(points), dtype=bool)
+        for k, values in enumerate(self.values):
+            nearest = np.abs(at[:, k, None] - values).argmin(axis=1)
+            inside &= np.abs(at[:, k] - values[nearest]) <= sides[k] / 2
+            index.append(nearest)
+        return np.where(inside, np.ravel_multi_index(tuple(index[::-1]), self.shape), -1)
+
+    def to_json(self) -> dict[str, Json]:
+        """Axes, origin [m] and values [m] of the grid, world."""
+        return {
+            "origin": self.origin.tolist(),
+            "axes": self.axes.tolist(),
+            "values": [values.tolist() for values in self.values],
+            "order": "the first axis runs fastest",
+        }
+
+    @property
+    def sides(self) -> tuple[float, float, float]:
+        """Edges of a cell along u, v, w [m]; along an axis with one value, the longest of the others."""
+        steps = [float(values[1] - values[0]) if len(values) > 1 else 0.0 for values in self.values]
+        a, b, c = (step or max(steps) for step in steps)
+        return a, b, c
+
+
+def along_world_axes(axes: Array) -> bool:
+    """Whether unit vectors (k, 3), one a row, all lie along axes of the world."""
+    return bool(np.all(np.max(np.abs(axes), axis=1) > 1 - ALIGNED))
 
 
 @dataclass(frozen=True)

@@ -1,114 +1,65 @@
-"""``Grid``: the targets of a map in a plane that a figure can show; ``MapPoint``: one of them with its best posture."""
+"""``MapCandidate``: the best known posture of a target of a map; ``MapPoint``: what the task makes of it."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 
-from posture_opt.numerics import Array, Codes, Json, finite_or_none
+from posture_opt.numerics import Array, Json, finite_or_none
 from posture_opt.selection.answer.end_moments import end_moments, success_with_peg
 from posture_opt.selection.answer.solution import critical_basis
-from posture_opt.selection.maps.map_candidate import MapCandidate, MapStatus, PackedRow
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.program.task_target import TaskTarget
-from posture_opt.selection.search.engine import Engine
+from posture_opt.selection.search.engine import CandidatePosture, Engine
 from posture_opt.uncertainty.regions.clearance import within_clearance
 from posture_opt.uncertainty.regions.coverage_radius import central_radii, coverage_radius
 from posture_opt.uncertainty.spread.task_spread import sigma_along
 from posture_opt.workers.record_pattern import FINITE, Either, Pattern, recorded
 
-ALIGNED = 1e-9  # off one, of the largest component of a unit vector along an axis: rounding
+PackedRow = list[Any]
+"""Numbers, texts and lists of them in an order that their class knows, as they travel between processes."""
+
+MapStatus = Literal["feasible", "not reached", "requirement not met"]
 
 
-@dataclass(frozen=True, eq=False)
-class Grid:
-    """Targets ``origin + u e1 + v e2 + w e3``, u running fastest.
+@dataclass(frozen=True)
+class MapCandidate:
+    """What was found for one target of a map.
 
     Args:
-        origin: (3,) [m], world.
-        axes: (3, 3) unit vectors e1, e2, e3, one a row: the two that a figure shows, and the one across them.
-        values: of u, v, w [m], ascending.
+        status: ``feasible``; ``not reached``: no start arrived; ``requirement not met``: some arrived, but collide or
+            miss a term.
+        best: the best posture, None where there is none.
+        scale: variance [m²] that its objective is divided by; NaN where no start arrived.
     """
 
-    origin: Array
-    axes: Array
-    values: tuple[Array, Array, Array]
+    status: MapStatus
+    best: CandidatePosture | None
+    scale: float
 
-    @property
-    def shape(self) -> tuple[int, int, int]:
-        """How many values of w, v and u: the shape of an array over all targets."""
-        u, v, w = map(len, self.values)
-        return w, v, u
+    def packed(self) -> PackedRow:
+        """Numbers and text, to be sent to another process or written to a checkpoint."""
+        c = self.best
+        if c is None:
+            return [self.status, self.scale]
+        numbers = (float(c.objective), float(c.violation), float(c.sigma))
+        return [self.status, float(self.scale), c.q.tolist(), *numbers, bool(c.optimal), c.message, int(c.count)]
 
-    @property
-    def aligned(self) -> bool:
-        """Whether u, v, w are coordinates of the world."""
-        return not self.origin.any() and along_world_axes(self.axes)
+    @staticmethod
+    def pattern(joints: int) -> Pattern:
+        """That of `packed`, of an arm with so many joints."""
+        found = (frozenset(["feasible"]), float, (FINITE,) * joints, *(float,) * 3, bool, str, int)
+        return Either(found, (frozenset(get_args(MapStatus)) - {"feasible"}, float))
 
-    @cached_property
-    def points(self) -> Array:
-        """(N, 3) all targets in the world [m]."""
-        w, v, u = np.meshgrid(*self.values[::-1], indexing="ij")
-        return np.asarray(self.origin + np.stack([u, v, w], axis=-1).reshape(-1, 3) @ self.axes)
-
-    def coordinates(self, points: Array) -> Array:
-        """(N, 3) u, v, w of points in the world (N, 3) [m]."""
-        return np.asarray((points - self.origin) @ self.axes.T)
-
-    @cached_property
-    def neighbours(self) -> tuple[tuple[Codes, Codes], ...]:
-        """For every direction to one of the neighbours: the targets that have one there, and those neighbours."""
-        index = np.arange(math.prod(self.shape)).reshape(self.shape)
-        steps = [(0, 0, 1), (0, 1, 0), (1, 0, 0), (0, 1, 1), (0, 1, -1)]
-        pairs = []
-        for step in steps:
-            here = index[tuple(slice(max(-s, 0), n - max(s, 0)) for s, n in zip(step, self.shape, strict=True))].ravel()
-            there = index[
-                tuple(slice(max(s, 0), n - max(-s, 0)) for s, n in zip(step, self.shape, strict=True))
-            ].ravel()
-            pairs += [(here, there), (there, here)] if len(here) else []
-        return tuple(pairs)
-
-    def cells(self, points: Array) -> Codes:
-        """The target (N,) in whose cell each point (N, 3) [m] is, world; -1 outside of all cells.
-
-        Across the figure's plane a cell is as thick as the distance of its layers; of a single layer, as its longer
-        side.
-        """
-        at = self.coordinates(points)
-        sides = self.sides
-        index, inside = [], np.ones(len(points), dtype=bool)
-        for k, values in enumerate(self.values):
-            nearest = np.abs(at[:, k, None] - values).argmin(axis=1)
-            inside &= np.abs(at[:, k] - values[nearest]) <= sides[k] / 2
-            index.append(nearest)
-        return np.where(inside, np.ravel_multi_index(tuple(index[::-1]), self.shape), -1)
-
-    def to_json(self) -> dict[str, Json]:
-        """Axes, origin [m] and values [m] of the grid, world."""
-        return {
-            "origin": self.origin.tolist(),
-            "axes": self.axes.tolist(),
-            "values": [values.tolist() for values in self.values],
-            "order": "the first axis runs fastest",
-        }
-
-    @property
-    def sides(self) -> tuple[float, float, float]:
-        """Edges of a cell along u, v, w [m]; along an axis with one value, the longest of the others."""
-        steps = [float(values[1] - values[0]) if len(values) > 1 else 0.0 for values in self.values]
-        a, b, c = (step or max(steps) for step in steps)
-        return a, b, c
-
-
-def along_world_axes(axes: Array) -> bool:
-    """Whether unit vectors (k, 3), one a row, all lie along axes of the world."""
-    return bool(np.all(np.max(np.abs(axes), axis=1) > 1 - ALIGNED))
+    @classmethod
+    def unpacked(cls, row: PackedRow) -> MapCandidate:
+        """The one that was packed."""
+        status, scale, *best = row
+        return cls(status, CandidatePosture(np.array(best[0]), *best[1:]) if best else None, scale)
 
 
 NEGLIGIBLE_BIAS = 0.01  # of σ: a smaller shift of the mean moves a radius by 1e-4 of it

@@ -1,33 +1,58 @@
-"""The best postures of many targets at once: random starts for all of them in batches, then what neighbours know.
-
-Targets next to each other mostly have the same best branch of the inverse kinematics, and targets that joint 1 turns
-onto each other have the same branches. So each target tries the postures of both: a better posture spreads over the
-map, a missing one is found next to a known one, and of equally good ones all targets take the same. Targets that are
-still worse than their neighbours predict are searched again with many more starts.
-"""
+"""The best postures of many targets: random starts, exchange with neighbours, and again where they collide."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from posture_opt.numerics import Progress
-from posture_opt.selection.maps.map_candidate import MapCandidate
-from posture_opt.selection.maps.map_exchange import NeighbourExchange, is_better
-from posture_opt.selection.maps.map_neighbours import Neighbourhood
-from posture_opt.selection.maps.map_points import NeighbourSolves
-from posture_opt.selection.maps.map_rounds import worked_on
-from posture_opt.selection.maps.map_solved_again import outlying_targets, targets_to_search_again
-from posture_opt.selection.maps.map_starts import best_among, better_of, freedom, out_of_plane
-from posture_opt.selection.maps.map_trials import BETTER
+from posture_opt.collision.scene import Scene
+from posture_opt.numerics import Array, Progress
+from posture_opt.selection.maps.map_exchange import NeighbourExchange, is_better, worked_on
+from posture_opt.selection.maps.map_neighbours import Neighbourhood, Pairs
+from posture_opt.selection.maps.map_points import MapCandidate, NeighbourSolves
+from posture_opt.selection.maps.map_trials import BETTER, best_among, better_of, freedom, out_of_plane
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.engine import CandidatePosture, Engine
+from posture_opt.selection.search.search_outcome import is_clear
 from posture_opt.workers import Workers
 from posture_opt.workers.record_pattern import recorded
+
+OUTLIER_EXCESS = 2e-3  # of the objective: a target so much above what its neighbours predict is an outlier
+MAX_OUTLIER_SHARE = 0.03  # of the targets: how many of them are searched again
+
+
+def outlying_targets(exchange: NeighbourExchange, searched: set[int]) -> list[int]:
+    """Targets that are worse than their neighbours predict, the worst first, as many as are still worth a search.
+
+    At most 3 % of the targets in all, half of what is left of them in each round.
+    """
+    excess = exchange.excess()
+    left = math.ceil(MAX_OUTLIER_SHARE * len(excess)) - len(searched)
+    odd = [int(k) for k in np.argsort(-excess, kind="stable") if excess[k] > OUTLIER_EXCESS and int(k) not in searched]
+    return odd[: min(max(left, 0), math.ceil(left / 2))]
+
+
+def targets_to_search_again(
+    candidates: Sequence[MapCandidate], neighbourhood: Neighbourhood, share: float, seed: int
+) -> list[int]:
+    """A share of the targets, from which rare branches spread; and all that few random starts arrive at.
+
+    These are where reach begins or ends, and where no start met the requirements. Where no start reached any target,
+    all of them.
+    """
+    reached = np.array([candidate.status != "not reached" for candidate in candidates])
+    if not reached.any():
+        return list(range(len(candidates)))
+    chosen = reached & (np.random.default_rng(seed).random(len(candidates)) < share)
+    chosen |= np.array([candidate.status == "requirement not met" for candidate in candidates])
+    for here, there in neighbourhood.on_grid:
+        chosen[here[reached[here] != reached[there]]] = True
+    return [int(k) for k in np.flatnonzero(chosen)]
+
 
 FIRST_EFFORT: Effort = (48, 48, 48)  # of every target of a small map
 FINE_EFFORT: Effort = (24, 24, 24)
@@ -143,3 +168,88 @@ def explore(engine: Engine, item: Exploration) -> list[list[Any]]:
                 found = best_among(engine, targets[k], reached)
                 candidates[k] = better_of(engine, targets[k], candidates[k], found)
     return [candidate.packed() for candidate in candidates]
+
+
+SELF_COLLISION = "self-collision"
+POSTURES_PER_CHUNK = 256  # postures that are looked at together
+
+
+def clear_candidates(
+    scene: Scene,
+    guarded: Callable[[TaskTarget], Engine],
+    targets: Sequence[TaskTarget],
+    candidates: Sequence[MapCandidate],
+    pairs: Sequence[Pairs],
+    workers: Workers,
+    *,
+    seed: int,
+    progress: Progress | None = None,
+) -> list[MapCandidate]:
+    """The candidates of the targets, those replaced that collide; the others are the best of all and stay.
+
+    Args:
+        guarded: the engine that keeps clear, for a target.
+        pairs: targets that try each other's postures.
+        workers: who works on the chunks; the answer does not depend on it.
+        seed: of the random starts.
+        progress: called with (done, total) of the targets that are solved again.
+    """
+    again = colliding(scene, candidates, workers)
+    found = list(candidates)
+    if not again:
+        return found
+    work = [targets[k] for k in again]
+    points = np.array([target.lower for target in work])
+    engines = [guarded(target) for target in work]
+    arm = engines[0].optimisation_problem.arm
+    neighbourhood = Neighbourhood.of(arm, work[0].direction, points, among(pairs, again))
+    better, _ = best_candidates(engines, work, neighbourhood, workers, seed=seed, progress=progress)
+    for k, candidate in zip(again, better, strict=True):
+        found[k] = candidate
+    return found
+
+
+def colliding(scene: Scene, candidates: Sequence[MapCandidate], workers: Workers) -> list[int]:
+    """Indices of the candidates with a posture that comes nearer to something than the margin of the scene.
+
+    Distances are computed in chunks of 256 postures by the workers; none without an active scene.
+    """
+    held = [k for k, candidate in enumerate(candidates) if candidate.best is not None]
+    if not held or not scene.active:
+        return []
+    chunks = [held[i : i + POSTURES_PER_CHUNK] for i in range(0, len(held), POSTURES_PER_CHUNK)]
+    postures = [np.array([best.q for k in chunk if (best := candidates[k].best) is not None]) for chunk in chunks]
+    clear = workers.in_order(_clear, scene, postures)
+    return [
+        k for chunk, flags in zip(chunks, clear, strict=True) for k, yes in zip(chunk, flags, strict=True) if not yes
+    ]
+
+
+@recorded(lambda scene, Q: (bool,) * len(Q))
+def _clear(scene: Scene, Q: Array) -> list[bool]:
+    """Of each posture of Q (N, n) whether it is clear."""
+    return [bool(yes) for yes in is_clear(scene, Q)]
+
+
+def in_the_way(scene: Scene, q: Array) -> str:
+    """The obstacle that a colliding posture (n,) meets most; ``self-collision`` where it meets the arm itself."""
+    k = int(np.argmin(scene.distances(q)[0] - np.array(scene.required)))
+    return SELF_COLLISION if k < len(scene.own) else scene.pairs[k][1]
+
+
+def among(pairs: Sequence[Pairs], chosen: Sequence[int]) -> list[Pairs]:
+    """The pairs of targets that are both chosen, numbered by their places among the chosen ones.
+
+    >>> [(a.tolist(), b.tolist()) for a, b in among([(np.array([0, 4]), np.array([4, 2]))], [4, 2])]
+    [([0], [1])]
+    """
+    most = max((int(max(here.max(initial=0), there.max(initial=0))) for here, there in pairs), default=0)
+    place = np.full(max(most, *chosen) + 1, -1)
+    place[list(chosen)] = np.arange(len(chosen))
+    kept = []
+    for here, there in pairs:
+        a, b = place[here], place[there]
+        both = (a >= 0) & (b >= 0)
+        if both.any():
+            kept.append((a[both], b[both]))
+    return kept

@@ -3,36 +3,106 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 
+from posture_opt.collision.scene import Scene, scene_statements
 from posture_opt.errors import NoSolutionError
 from posture_opt.interrupts import interruptible
 from posture_opt.numerics import Array, Codes, Json, Mask, Progress
 from posture_opt.result import Result
 from posture_opt.robot.joint_ranges import drawn_between
+from posture_opt.selection.answer.arm_statements import beyond_measured, free_frames
+from posture_opt.selection.answer.confirmation_statement import confirmed
 from posture_opt.selection.answer.fallbacks import with_fallbacks
 from posture_opt.selection.answer.selector import PostureSelector
-from posture_opt.selection.maps.confirmed_cells import confirmed_cells
-from posture_opt.selection.maps.grid_layout import GridRequest, Plane, grid_of
-from posture_opt.selection.maps.map_candidate import MapCandidate
-from posture_opt.selection.maps.map_collisions import clear_candidates, in_the_way
+from posture_opt.selection.answer.solution_statements import NO_GAIN, free_joints
+from posture_opt.selection.maps.grid_layout import Grid, GridRequest, Plane, grid_of
+from posture_opt.selection.maps.map_exchange import worked_on
 from posture_opt.selection.maps.map_neighbours import Neighbourhood
-from posture_opt.selection.maps.map_points import Grid, MapPoint, NeighbourSolves, packed_points
-from posture_opt.selection.maps.map_rounds import worked_on
-from posture_opt.selection.maps.map_search import best_candidates
-from posture_opt.selection.maps.map_statements import map_statements
+from posture_opt.selection.maps.map_points import MapCandidate, MapPoint, NeighbourSolves, packed_points
+from posture_opt.selection.maps.map_search import best_candidates, clear_candidates, in_the_way
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.program.task_target import TaskTarget
-from posture_opt.selection.search.confirmation import UNCONFIRMED_JSON, Confirmation
-from posture_opt.selection.search.engine import Engine
-from posture_opt.statements import Statement, state
+from posture_opt.selection.registered_tasks import part_words
+from posture_opt.selection.search.confirmation import UNCONFIRMED_JSON, Confirmation, joined_confirmation
+from posture_opt.selection.search.confirmed_posture import confirmed as confirmed_posture
+from posture_opt.selection.search.engine import CandidatePosture, Engine
+from posture_opt.statements import Quantity, Statement, state
+from posture_opt.statements.notation import place
 from posture_opt.workers import Executor, Workers, opened
+
+
+def map_statements(found: TargetMap) -> tuple[Statement, ...]:
+    """All of them, the best target first."""
+    best, worst, Q = found.best, found.worst, found.postures[found.feasible]
+    part = part_words(found.within, found.optimisation_problem.task.kind)
+    return (
+        state("selection.best-target", position=place(best.position), sigma=Quantity(best.sigma_max), part=part),
+        *([] if found.own is None else [_own(best, found.own)]),
+        state("selection.worst-target", sigma=Quantity(worst.sigma_max), position=place(worst.position)),
+        *free_joints(found.optimisation_problem),
+        *scene_statements(found.problem.scene, Q),
+        *beyond_measured(found.problem.arm, Q),
+        *confirmed(found.confirmation),
+        *{note.text: note for note in found.notes if isinstance(note, Statement)}.values(),
+        *free_frames(found.problem.robot),
+    )
+
+
+def _own(best: MapPoint, own: MapPoint) -> Statement:
+    """What moving the workpiece from the position in the problem to the best target gains."""
+    if not own.feasible:
+        return state("selection.own-target-infeasible")
+    gain = 1 - best.sigma_max / own.sigma_max if own.sigma_max > 0 else 0.0
+    sigma = Quantity(own.sigma_max)
+    if gain < NO_GAIN:
+        return state("selection.own-target-best", sigma=sigma)
+    return state("selection.own-target", sigma=sigma, gain=Quantity(gain, "share"))
+
+
+def confirmed_cells(
+    engine_of: Callable[[TaskTarget, bool], Engine],
+    targets: Sequence[TaskTarget],
+    candidates: Sequence[MapCandidate],
+    named: Iterable[int],
+    scene: Scene,
+) -> tuple[dict[int, MapCandidate], Confirmation | None]:
+    """The better candidates that the solver found, by number, and what it says of all that were asked about.
+
+    Args:
+        engine_of: the functions that solve a target, without or with rows that keep the arm clear.
+        targets, candidates: N of the map.
+        named: the numbers of those that reports name.
+        scene: what the arm keeps clear of.
+    """
+    better: dict[int, MapCandidate] = {}
+    every: list[Confirmation | None] = []
+    for k in dict.fromkeys(named):
+        given = candidates[k]
+        if given.best is None:
+            continue
+        best, said = _confirmed(engine_of, replace(targets[k], scale=given.scale), given.best, scene)
+        every.append(said)
+        if said is not None and said.taken:
+            better[k] = replace(given, best=best)
+    return better, joined_confirmation(every)
+
+
+def _confirmed(
+    engine_of: Callable[[TaskTarget, bool], Engine], target: TaskTarget, given: CandidatePosture, scene: Scene
+) -> tuple[CandidatePosture, Confirmation | None]:
+    """One of them; with rows that keep the arm clear where the solver goes elsewhere without."""
+    (best, *_), said = confirmed_posture(engine_of(target, False), [given], target, scene)
+    if said is not None and said.differs and not said.taken and scene.active:
+        (best, *_), said = confirmed_posture(engine_of(target, True), [given], target, scene)
+    return best, said
+
 
 WORKSPACE_SAMPLES = 4000  # tool points that show how far the workspace goes
 TIE_TOLERANCE = 1e-6  # of σ: differences below it do not make one target better than another

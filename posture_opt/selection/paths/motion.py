@@ -1,21 +1,27 @@
-"""``Motion``: postures along a path, how good they are, and how far the joints move between them."""
+"""``Motion``: postures along a path; ``TimeLaw``: their times; ``PathBreak``: where they leave the path."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Literal
 
 import casadi as ca
 import numpy as np
 
 from posture_opt.collision.scene import Scene
 from posture_opt.model.compiled import BatchFunction
-from posture_opt.numerics import Array, Mask
-from posture_opt.selection.paths.task_path import stacked
+from posture_opt.numerics import TURN, Array, Json, Mask
+from posture_opt.robot.robot import Robot
+from posture_opt.selection.paths.joint_steps import JointSteps
+from posture_opt.selection.paths.path_candidates import held
+from posture_opt.selection.paths.task_path import TaskPath, between, stacked
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.confirmation import Confirmation
 from posture_opt.selection.search.engine import Engine
-from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE
+from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE, TOLERANCE
 from posture_opt.selection.search.search_outcome import is_clear
 
 _POSTURES_BETWEEN = 7  # postures between two points that are looked at
@@ -113,3 +119,228 @@ def off_lines(engine: Engine, Q: Array) -> Array:
     start, way = ends[:-1, None], (ends[1:] - ends[:-1])[:, None]
     along = np.clip(np.sum((reached - start) * way, axis=2) / np.sum(way**2, axis=2), 0.0, 1.0)
     return np.asarray(np.max(np.linalg.norm(reached - start - along[..., None] * way, axis=2), axis=1))
+
+
+@dataclass(frozen=True, eq=False)
+class TimeLaw:
+    """The times of the K points of a motion, the tool point at constant speed and each joint even between two points.
+
+    With the way ``s_k`` along the path up to point k and the largest speed ``v_j`` of joint j, the tool is no faster
+    than ``min over k, j of (s_{k+1} − s_k) v_j / |q_{k+1,j} − q_{k,j}|``.
+
+    Args:
+        robot: with the largest speeds of its joints, as far as they are known.
+        Q: (K, n) postures [rad or m].
+        lengths: (K,) way along the path up to each point [m].
+        stated: speed of the tool point that is asked for [m/s]; None: the highest.
+    """
+
+    robot: Robot
+    Q: Array
+    lengths: Array
+    stated: float | None = None
+
+    @cached_property
+    def _use(self) -> Array:
+        """(K − 1, n) the share [s/m] of its largest speed that each joint needs where the tool moves by 1 m/s."""
+        moved = np.abs(np.diff(self.Q, axis=0)) / np.diff(self.lengths)[:, None]
+        use = moved / np.array(self.robot.velocities)
+        return np.where(np.isnan(use), 0.0, use)
+
+    @cached_property
+    def _most_used(self) -> tuple[int, int]:
+        """The step between points, and the joint in it, that bound the speed."""
+        k, j = np.unravel_index(int(np.argmax(self._use)), self._use.shape)
+        return int(k), int(j)
+
+    @property
+    def highest(self) -> float | None:
+        """The highest constant speed of the tool point [m/s]; None where no joint with a known largest speed moves."""
+        use = float(self._use[self._most_used])
+        return 1 / use if use > 0 else None
+
+    @property
+    def speed(self) -> float | None:
+        """Constant speed of the tool point [m/s]: the stated one, or else the highest."""
+        return self.highest if self.stated is None else self.stated
+
+    @property
+    def times(self) -> Array | None:
+        """(K,) when the tool is at each point [s]; None where no speed is stated and none is the highest."""
+        return None if self.speed is None else self.lengths / self.speed
+
+    @property
+    def limiting_step(self) -> int | None:
+        """Number of the step between points, from zero, in which the limiting joint is nearest to its largest speed."""
+        return None if self.highest is None else self._most_used[0]
+
+    @property
+    def limiting_joint(self) -> str | None:
+        """The joint that comes nearest to its largest speed: it bounds the speed of the tool."""
+        return None if self.highest is None else self.robot.joint_names[self._most_used[1]]
+
+    @property
+    def limiting_velocity(self) -> float:
+        """The largest speed of the limiting joint [rad/s or m/s]; NaN where nothing bounds the tool."""
+        return math.nan if self.highest is None else self.robot.velocities[self._most_used[1]]
+
+    @property
+    def unknown(self) -> tuple[str, ...]:
+        """The joints that move, of which no largest speed is known: nothing is checked of them."""
+        moving = np.any(np.diff(self.Q, axis=0) != 0, axis=0)
+        return tuple(
+            j.name for j, moves in zip(self.robot.joints, moving, strict=True) if moves and math.isnan(j.velocity)
+        )
+
+    @property
+    def whole_turns(self) -> dict[str, int]:
+        """Joint -> the whole turns that it ends away from where it began, of a motion that comes back but for these."""
+        turns = np.rint((self.Q[-1] - self.Q[0]) / TURN).astype(int)
+        return {name: int(turn) for name, turn in zip(self.robot.joint_names, turns, strict=True) if turn}
+
+
+_MARGIN_RAD = 1e-9  # rad or m: what a solver may overstep
+_MIN_STEP_RAD = 1e-12  # rad or m: no joint stands quite still
+
+
+def step_bounds(steps: JointSteps, path: TaskPath, largest: float, speed: float | None) -> Array:
+    """(K − 1, n) how far each joint may move between neighbours of the K points [rad or m].
+
+    A step between listed points is divided evenly among the points added there. A joint that cannot leave its limits
+    by that is not bounded by it, nor one without a known largest speed by ``speed``: infinity.
+
+    Args:
+        largest: change of any joint between listed points [rad or m].
+        speed: of the tool point along the path [m/s]; None bounds nothing.
+    """
+    even = largest / np.asarray(path.parts, dtype=float)[:, None]
+    even = np.where(steps.span > even, even, np.inf)
+    most = even if speed is None else np.minimum(even, speed_bounds(steps, path, speed))
+    return np.asarray(np.maximum(most - _MARGIN_RAD, _MIN_STEP_RAD))
+
+
+def speed_bounds(steps: JointSteps, path: TaskPath, speed: float) -> Array:
+    """(K − 1, n) how far each joint turns between the points at its largest speed, the tool at ``speed`` [m/s]."""
+    velocities = np.array(steps.robot.velocities)
+    each = np.diff(path.lengths)[:, None] / speed * velocities
+    return np.asarray(np.where(np.isnan(each), np.inf, each))
+
+
+_MAX_SINGULAR_SHARE = 0.1  # of the median sensitivity along the motion: a posture with less is near a singular one
+_SUBDIVISIONS = 24  # of the step, on the way that is followed into it
+_SAMPLED_POSTURES = 40  # of the motion, whose sensitivity is what is usual
+
+
+@dataclass(frozen=True)
+class PathBreak:
+    """A step between points at which the arm changes its posture off the path.
+
+    Args:
+        first, last: numbers of the listed points that it is between, from 1.
+        kind: ``singular`` where the arm loses a direction of motion there, else ``limits``: it could only go on beyond
+            the limits of its joints, or through what it must keep clear of.
+        joint: that moves most; ``moved`` by how much [rad or m]; ``unit`` of it.
+        off: how far the tool leaves the straight line where all joints move evenly [m].
+        step: number of the step among those of all points, added ones too, from 0.
+    """
+
+    first: int
+    last: int
+    kind: Literal["singular", "limits"]
+    joint: str
+    moved: float
+    unit: Literal["rad", "m"]
+    off: float
+    step: int
+
+    def to_json(self) -> dict[str, Json]:
+        """Plain numbers, SI."""
+        return dict(vars(self))
+
+
+@dataclass(frozen=True)
+class _Breaks:
+    """The search for breaks of one motion (K, n) through targets."""
+
+    engine: Engine
+    path: TaskPath
+    targets: tuple[TaskTarget, ...]
+    steps: JointSteps
+    Q: Array
+
+    def at(self, k: int, off: float) -> PathBreak:
+        """What is wrong with the step from point k to the next."""
+        moved = np.abs(self.Q[k + 1] - self.Q[k]) * self.steps.counted
+        joint = int(np.argmax(moved))
+        first = int(np.count_nonzero(self.path.listed[: k + 1]))
+        robot = self.engine.robot
+        kind: Literal["singular", "limits"] = "singular" if self.is_singular(k) else "limits"
+        return PathBreak(
+            first, first + 1, kind, robot.joints[joint].name, float(moved[joint]), robot.joints[joint].unit, off, k
+        )
+
+    def is_singular(self, k: int) -> bool:
+        """Whether the arm comes near a singular posture where it is led on from either end of the step."""
+        sampled = self.Q[np.linspace(0, len(self.Q) - 1, min(len(self.Q), _SAMPLED_POSTURES)).astype(int)]
+        usual = float(np.median([self._sensitivity(q) for q in sampled]))
+        ways = (*self._followed(k, k + 1), *self._followed(k + 1, k))
+        return min(self._sensitivity(q) for q in ways) < _MAX_SINGULAR_SHARE * usual
+
+    def _followed(self, start: int, end: int) -> Iterator[Array]:
+        """Postures (n,) from point ``start`` towards point ``end``, each from the one before, as far as they lead."""
+        q, a, b = self.Q[start], self.targets[start], self.targets[end]
+        yield q
+        for share in (np.arange(1, _SUBDIVISIONS + 1) / _SUBDIVISIONS).tolist():
+            x = (1 - share) * a.lower + share * b.lower
+            aim = replace(a, lower=x, upper=x, axis=between(a.axis, b.axis, share))
+            moved, errors = self.engine.ik.solve(q[None], held(self.engine, aim))
+            if errors[0] >= TOLERANCE:
+                return
+            q = moved[0]
+            yield q
+
+    def _sensitivity(self, q: Array) -> float:
+        """The least motion of what the task holds by a unit motion of the joints (n,): its smallest singular value.
+
+        Metres and, of the tool axis, radians times the size of the workspace.
+        """
+        problem = self.engine.optimisation_problem
+        J = np.asarray(problem.arm.jacobian(q), dtype=float)
+        reach = problem.reach
+        rows, rank = [reach.directions.T @ J[:3]], reach.directions.shape[1]
+        if problem.axis_rows:
+            R = np.asarray(problem.arm.pose(q), dtype=float)[:3, :3]
+            axis = R @ (np.array(problem.task.tool_axis) / np.linalg.norm(problem.task.tool_axis))
+            rows.append(reach.radius * np.cross(J[3:].T, axis).T)
+            rank += reach.axis_rank if reach.orients_at_point else 0
+        values = np.linalg.svd(np.vstack(rows), compute_uv=False)
+        return float(values[min(rank, len(values)) - 1])
+
+
+def path_breaks(
+    engine: Engine,
+    path: TaskPath,
+    targets: tuple[TaskTarget, ...],
+    steps: JointSteps,
+    Q: Array,
+    off: Array,
+    jumps: Mask,
+) -> tuple[PathBreak, ...]:
+    """The steps of a motion (K, n) in which the arm changes its posture.
+
+    Those in which the tool leaves the path by more than half of what lies between two points, and known ``jumps``.
+
+    Args:
+        off: (K − 1,) how far the tool point leaves the straight lines [m].
+        jumps: (K − 1,) steps that are far larger than all others.
+    """
+    found = _Breaks(engine, path, targets, steps, Q)
+    where = np.flatnonzero(breaks_away(engine, Q) | jumps)
+    return tuple(found.at(k, float(off[k])) for k in where.tolist())
+
+
+def passes_singularity(
+    engine: Engine, path: TaskPath, targets: tuple[TaskTarget, ...], steps: JointSteps, Q: Array, k: int
+) -> bool:
+    """Whether the arm comes near a singular posture between points k and k + 1 of a motion (K, n)."""
+    return _Breaks(engine, path, targets, steps, Q).is_singular(k)

@@ -21,14 +21,10 @@ from posture_opt.selection.answer.shared_placement import Placement, PlacementFi
 from posture_opt.selection.answer.solution import Solution, Status
 from posture_opt.selection.paths.joint_steps import JointSteps
 from posture_opt.selection.paths.knots import MAX_SEARCHED_POINTS, Knots, knots_of, motions_at_knots
-from posture_opt.selection.paths.motion import Motion, off_lines
-from posture_opt.selection.paths.motion_search import STEP_TOLERANCE_RAD, MotionSearch, keeps_speed
-from posture_opt.selection.paths.naive import naive_motions
-from posture_opt.selection.paths.pace_failure import too_fast, too_fast_in_small_steps, too_large_a_step
-from posture_opt.selection.paths.path_answer import PathAnswer
-from posture_opt.selection.paths.path_breaks import path_breaks
+from posture_opt.selection.paths.motion import Motion, TimeLaw, off_lines, path_breaks, step_bounds
+from posture_opt.selection.paths.motion_search import STEP_TOLERANCE_RAD, MotionSearch, SmoothMotion, keeps_speed
+from posture_opt.selection.paths.path_answer import PathAnswer, naive_motions
 from posture_opt.selection.paths.path_candidates import PathCandidates, find_candidates
-from posture_opt.selection.paths.path_placement import moved_on, promising_placements
 from posture_opt.selection.paths.task_path import TaskPath
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
@@ -39,9 +35,113 @@ from posture_opt.selection.search.engine import Engine
 from posture_opt.selection.search.multistart import Sampled, multistart
 from posture_opt.selection.search.relaxation import Reason
 from posture_opt.selection.search.search_statistics import SearchStatistics
+from posture_opt.selection.stations.placed_stations import PlacedStations
+from posture_opt.selection.stations.placement_search import search_placement
+from posture_opt.selection.stations.stations_problem import StationsPoint
 from posture_opt.selection.tasks.path_task import HIGHEST, PathTask
 from posture_opt.statements import Statement
+from posture_opt.units import joint_text
 from posture_opt.workers import Workers, opened
+
+
+def too_large_a_step(search: MotionSearch, largest: float, calm: Motion) -> Reason:
+    """Between which listed points a joint has to move farther than it may, and what would do.
+
+    Args:
+        largest: change that is allowed [rad or m]; ``calm`` the motion of least largest step.
+    """
+    smallest, ends = calm.largest_step, np.flatnonzero(search.path.listed)
+    k = int(np.argmax(calm.steps))
+    swept = np.ptp(calm.Q[ends[k] : ends[k + 1] + 1], axis=0)
+    joint = search.engine.robot.joints[int(np.argmax(np.where(search.steps.counted, swept, 0.0)))]
+    names = [search.path.numbers[end] for end in ends]
+    hint = math.ceil(math.degrees(smallest) * 10 + 1e-6) / 10
+    message = (
+        f"from {names[k]} to {names[k + 1]} {joint.name} has to move by {math.degrees(smallest):.4g} deg, and "
+        f"{math.degrees(largest):.4g} deg a step are allowed: set largest_step: {hint:g} deg, or list more points"
+    )
+    return Reason("largest_step", message, smallest - largest, "rad")
+
+
+def too_fast(search: MotionSearch, speed: float, law: TimeLaw) -> Reason:
+    """Which joint is too slow for a speed of the tool [m/s], where, and which speed would do.
+
+    Args:
+        law: of the fastest motion that was found.
+    """
+    highest, step = law.highest, law.limiting_step
+    assert highest is not None, "a motion that no joint bounds is not too fast"
+    assert step is not None, "a joint that bounds a motion does so in a step"
+    joint = search.engine.robot.joints[search.engine.robot.joint_names.index(str(law.limiting_joint))]
+    needed, limit = (f"{joint_text(v, joint.unit)}/s" for v in (joint.velocity * speed / highest, joint.velocity))
+    first = int(np.count_nonzero(search.path.listed[: step + 1]))
+    message = (
+        f"at {speed * 1e3:.4g} mm/s {joint.name} would have to move at {needed} between points {first} and "
+        f"{first + 1}, and {limit} is its limit: set speed: {_below(highest * 1e3):g} mm/s"
+    )
+    return Reason("speed", message, speed - highest, "m/s")
+
+
+def too_fast_in_small_steps(search: MotionSearch, largest: float, speed: float) -> Reason:
+    """What is said where either bound can be kept, and no motion was found that keeps both.
+
+    Args:
+        largest: change that is allowed [rad or m].
+    """
+    message = (
+        f"no motion was found at {speed * 1e3:.4g} mm/s with steps of at most {math.degrees(largest):.4g} deg: "
+        "leave out largest_step, or lower the speed"
+    )
+    return Reason("speed", message, 0.0, "m/s")
+
+
+def _below(value: float) -> float:
+    """The number with three digits, rounded down."""
+    power = 10.0 ** (math.floor(math.log10(value)) - 2)
+    return float(f"{math.floor(value / power * (1 - 1e-9)) * power:.4g}")
+
+
+_SEARCHED_POINTS = 6  # of the path that stand for all of it
+_SEARCHED_PLACEMENTS = 3  # placements whose motions are searched
+
+
+def promising_placements(
+    engine: Engine,
+    targets: Sequence[TaskTarget],
+    placement: PlacementRange,
+    seed: int,
+    workers: int = 1,
+    progress: Progress | None = None,
+) -> list[Array]:
+    """Placements (4,) at which some points of a path have good postures, best first.
+
+    Args:
+        targets: of all points, in the frame of the workpiece.
+        workers, progress: as of `search_placement`.
+    """
+    chosen = np.unique(np.linspace(0, len(targets) - 1, min(_SEARCHED_POINTS, len(targets))).round().astype(int))
+    some = tuple(targets[k] for k in chosen.tolist())
+    stations = PlacedStations((engine,) * len(some), some, placement, "worst")
+    found = search_placement(stations, seed, workers, progress, wanted=1)
+    return [placement.tidied(optimum.w) for optimum in found.optima[:_SEARCHED_PLACEMENTS]]
+
+
+def moved_on(found: Solution, targets: Sequence[TaskTarget], placement: PlacementRange) -> Array:
+    """The placement (4,) that a motion leads to where the part may move with it.
+
+    Args:
+        targets: of all points, in the frame of the workpiece.
+    """
+    problem, box = found.optimisation_problem, placement.without_seam
+    own = [replace(target, scale=found.target.scale) for target in targets]
+    steps = JointSteps.of(problem.robot, problem.nlp)
+    task = found.problem.task
+    closed, speed = (task.closed, task.stated_speed) if isinstance(task, PathTask) else (False, None)
+    smooth = SmoothMotion.of(problem, steps, own, found.path, closed, box)
+    most = step_bounds(steps, found.path, found.largest_step, speed)
+    end = smooth.solve(StationsPoint(found.w, found.postures), most)
+    return placement.tidied(end.point.w)
+
 
 _MIN_COMPILED_POINTS = 100  # the searches of more points take longer than compiling them
 _MAX_ROUNDS = 3  # of the smooth problem with the workpiece, and of the search at the placement found

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from posture_opt.collision import contacts_c
-from posture_opt.collision.contacts import MOST_NEAR, POINTS
+from posture_opt.collision.contacts import C_TEXT, MOST_NEAR, POINTS
 from posture_opt.selection.search import quadratic_model_c
 from posture_opt.selection.search.quadratic_model import INFINITE_BOUND
 
@@ -26,7 +25,7 @@ MAX_MULTIPLIER = (
 )
 
 LOOP_TEXT = (
-    contacts_c.C_TEXT
+    C_TEXT
     + quadratic_model_c.C_TEXT
     + """
 /* Where a search stands: m rows of the program, then those of the contacts, then the n variables. */

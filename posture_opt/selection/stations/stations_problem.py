@@ -1,29 +1,196 @@
-"""``StationsProblem``: the postures of several stations and the placement of what they stand on, chosen together.
-
-A station is one feature of a part or one point of a path: the optimisation problem of a point with a target of its own,
-which is in the frame of the workpiece. Every expression of it, tool axis and further terms included, is evaluated
-at the target that the placement ``w = (x, y, z, yaw)`` moves it to. Neighbours may be joined by steps of the joints,
-whose bound may be the objective itself.
-"""
+"""``StationsProblem``: the postures of several stations and the placement of what they stand on, chosen together."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from posture_opt.model.compiled import BatchFunction
 from posture_opt.numerics import Array, DerivedAgain, Mask
 from posture_opt.selection.answer.combine import combined_success, combined_symbols
+from posture_opt.selection.program.nlp import Row
 from posture_opt.selection.program.nonlinear_solver import NonlinearSolver
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
-from posture_opt.selection.program.task_target import TaskTarget
-from posture_opt.selection.stations.station_errors import StationErrors
-from posture_opt.selection.stations.station_function import StationFunction
+from posture_opt.selection.program.task_target import SIZES, TaskTarget, turned_about_z
 from posture_opt.selection.tasks.workpiece import Combine
+from posture_opt.uncertainty.moments.pose_covariance import covariance_root
 from posture_opt.uncertainty.sources.sources import Sources
+from posture_opt.uncertainty.spread.shared_draws import ErrorParts
+
+_NODES = 16  # of the quadrature over a circle
+_LEAST_SCATTER = 0.15  # of the clearance: narrower scatter is neither smooth in the draws nor seen by the nodes
+
+
+@dataclass(frozen=True, eq=False)
+class StationErrors(DerivedAgain):
+    """The errors of the tool point in the m directions that count, over the clearance.
+
+    Args:
+        sources: whose constant part, of r errors, is one draw for all stations.
+    """
+
+    problem: OptimisationProblem
+    sources: Sources
+
+    @cached_property
+    def symbols(self) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """Bias (m, 1), shift (m, r) by independent standard normals that stay, and whole covariance (m, m)."""
+        at = self.problem.quantities
+        C, bias = at.projected(at.within)
+        shared = at.bases[at.within].T @ self._columns @ ca.DM(self._root)
+        return bias / at.clearance, shared / at.clearance, C / at.clearance**2
+
+    @cached_property
+    def _columns(self) -> ca.SX:
+        """(3, k) shift of the tool point by one unit of each source [m per SI unit], world."""
+        at = self.problem.quantities
+        point, q = at.tool_point, ca.vertsplit(at.q)
+        J = ca.SX(point.jacobian(at.walk))
+        return J if point.linear is None else ca.horzcat(J, ca.SX(point.linear_columns(q, at.walk)))
+
+    @cached_property
+    def _root(self) -> Array:
+        """(k, r) root of the covariance of the errors that stay."""
+        point, sources = self.problem.tool_point, self.sources
+        names = point.names if point.linear is None else (*point.names, *point.linear.names)
+        index = {name: k for k, name in enumerate(sources.names)}
+        known = [i for i, name in enumerate(names) if name in index and sources.constant[index[name], index[name]] > 0]
+        rows = [index[names[i]] for i in known]
+        root = np.zeros((len(names), len(known)))
+        root[known] = covariance_root(sources.constant[np.ix_(rows, rows)])
+        return root
+
+    @cached_property
+    def _numbers(self) -> BatchFunction:
+        """Postures (N, n) and parameters (N, p) to the flat symbols; interpreted, as there are thousands at most."""
+        nlp = self.problem.nlp
+        flat = ca.vertcat(*(ca.vec(part) for part in self.symbols))
+        return BatchFunction(ca.Function("station_errors", [nlp.x, nlp.p], [ca.densify(flat)]), compiled=False)
+
+    def at(self, Q: Array, parameters: Array) -> ErrorParts:
+        """The parts at postures Q (N, n), each at its target of ``parameters`` (N, p)."""
+        (m, r), flat = self.symbols[1].shape, self._numbers(Q, parameters)
+        bias, shared, C = np.split(flat, [m, m + m * r], axis=1)
+        return ErrorParts.of(bias, shared.reshape(-1, r, m).swapaxes(1, 2), C.reshape(-1, m, m))
+
+    def success(self, delta: Array) -> ca.Function:
+        """``(x, p) -> (N, 1)``, the probability given each of the draws ``delta`` (N, r), smooth in both.
+
+        Scatter counts as at least `_LEAST_SCATTER` of the clearance in every direction.
+        """
+        nlp, (bias, shared, C) = self.problem.nlp, self.symbols
+        m, r = shared.shape
+        b, A, S = ca.SX.sym("b", m), ca.SX.sym("A", m, r), ca.SX.sym("S", m, m)
+        mean = ca.repmat(b, 1, len(delta)) + A @ ca.DM(delta.T)
+        conditional = ca.Function("given_draws", [b, A, S], [_within(mean, S).T])
+        scatter = C - shared @ shared.T + _LEAST_SCATTER**2 * ca.SX.eye(m)
+        parts = ca.Function("parts", [nlp.x, nlp.p], [ca.densify(v) for v in (bias, shared, scatter)])
+        x, p = ca.MX.sym("x", nlp.x.shape[0]), ca.MX.sym("p", nlp.p.shape[0])
+        return ca.Function("success", [x, p], [conditional(*parts(x, p))])
+
+
+def _within(mean: ca.SX, covariance: ca.SX) -> ca.SX:
+    """(1, N) the probability that Gaussian points of this covariance (m, m) and means (m, N) lie in the unit circle.
+
+    ``∫ φ(x) [Φ((h − μ)/σ) − Φ((−h − μ)/σ)] dx`` along the first axis, ``x = sin θ``, ``h = cos θ``, with mean μ and
+    standard deviation σ of the second coordinate given the first.
+    """
+    s = ca.sqrt(covariance[0, 0])
+    if mean.shape[0] == 1:
+        return _between(1.0, mean, s)
+    slope = covariance[1, 0] / covariance[0, 0]
+    sigma = ca.sqrt(covariance[1, 1] - slope * covariance[1, 0])
+    total = ca.SX(1, mean.shape[1])
+    for node, weight in zip(*np.polynomial.legendre.leggauss(_NODES), strict=True):
+        x, h = math.sin(node * math.pi / 2), math.cos(node * math.pi / 2)
+        away = x - mean[0, :]
+        density = ca.exp(-((away / s) ** 2) / 2) / (math.sqrt(2 * math.pi) * s)
+        total += weight * math.pi / 2 * h * density * _between(h, mean[1, :] + slope * away, sigma)
+    return total
+
+
+def _between(half: float, mu: ca.SX, sigma: ca.SX) -> ca.SX:
+    """The probability that Gaussian numbers of means ``mu`` lie between -half and half."""
+    root = math.sqrt(2) * sigma
+    return (ca.erf((half - mu) / root) + ca.erf((half + mu) / root)) / 2
+
+
+_POINT_PARAMETERS = ("lower", "upper")  # of the target's parameters; the other ones of three entries are directions
+
+
+class StationFunction:
+    """``(w, q, c) -> (f, extra, g)`` of one optimisation problem at the target that a placement moves ``c`` to.
+
+    ``f`` is the objective's first term and ``extra`` the sum of the further ones; ``g`` are rows between constant ends.
+
+    Args:
+        first: ``(x, p) -> f`` in place of the first term, with more than one entry where it likes.
+
+    Attributes:
+        call: the CasADi function, of symbols or numbers.
+        ends: lower and upper ends (m,) of ``g``.
+    """
+
+    def __init__(self, problem: OptimisationProblem, first: ca.Function | None = None) -> None:
+        nlp = problem.nlp
+        extra = sum((expression for _, expression in nlp.terms[1:]), ca.SX(0))
+        parts = [part for row in nlp.rows for part in _one_sided(row)]
+        parts += _in_reach(problem)
+        rows = ca.vertcat(ca.SX(0, 1), *(expression for expression, _, _ in parts))
+        at_target = ca.Function("at_target", [nlp.x, nlp.p], [nlp.terms[0][1], extra, rows])
+        kind: Any = ca.SX if first is None else ca.MX
+        w, q, c = (kind.sym(name, size) for name, size in zip("wqc", (4, nlp.x.numel(), nlp.p.numel()), strict=True))
+        moved = moved_parameters(c, w)
+        outputs = list(at_target(q, moved))
+        outputs[0] = outputs[0] if first is None else first(q, moved)
+        self.call: ca.Function = ca.Function("station", [w, q, c], [ca.densify(output) for output in outputs])
+        low, high = np.array([low for _, low, _ in parts]), np.array([high for _, _, high in parts])
+        self.ends: tuple[Array, Array] = (low, high)
+
+
+def moved_parameters(c: Any, w: Any) -> Any:
+    """The parameters of a target in the frame of the workpiece, at the placement w (4,), world; SX or MX."""
+    parts, at = [], 0
+    for name, size in SIZES.items():
+        part = c[at : at + size]
+        at += size
+        if size == 3:
+            part = turned_about_z(part, ca.cos(w[3]), ca.sin(w[3]))
+            part = part + w[:3] if name in _POINT_PARAMETERS else part
+        parts.append(part)
+    return ca.vertcat(*parts)
+
+
+def _one_sided(row: Row) -> list[tuple[ca.SX, float, float]]:
+    """A row as expressions between constants: its bounds depend on the target, which depends on the placement."""
+    if ca.is_equal(row.lower, row.upper, 2):
+        return [(row.expression - row.lower, 0.0, 0.0)]
+    sides = []
+    if not _infinite(row.lower):
+        sides.append((row.expression - row.lower, 0.0, np.inf))
+    if not _infinite(row.upper):
+        sides.append((row.expression - row.upper, -np.inf, 0.0))
+    return sides
+
+
+def _infinite(bound: ca.SX) -> bool:
+    """Whether a bound bounds nothing."""
+    return bool(bound.is_constant()) and bool(np.isinf(float(bound)))
+
+
+def _in_reach(problem: OptimisationProblem) -> list[tuple[ca.SX, float, float]]:
+    """The target in the plane (or on the line) that the tool point never leaves."""
+    reach = problem.reach
+    off = problem.nlp.p[:3] - ca.DM(reach.offset)
+    slack = float(reach.plane_slack)
+    return [(ca.dot(ca.DM(normal), off), -slack, slack) for normal in reach.normals.T]
+
 
 _VARIABLES_BEFORE_POSTURES = 5  # variables before the postures: the placement (4,) and the level that is minimised
 _MEAN_WEIGHT = 1e-4  # of the mean objective: stations that are not the worst are good too, at no cost to it
