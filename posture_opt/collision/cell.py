@@ -28,16 +28,9 @@ from posture_opt.units import Length
 
 MOUNTING_PLANE = "mounting plane"
 """Name of the plane in reports and rows; no obstacle may have it."""
-_STANDING_RISE_M = 0.05
-"""What rises higher than this [m] above the foot of the arm stands beside it and carries nothing."""
-_STANDING_REACH_M = 0.25
-"""An obstacle below the foot of the arm and within this distance [m] of it is the table that it stands on: the feet of
-arms of up to 30 kg are up to 0.22 m wide, and tables begin a little in front of some."""
 _BELOW_BASE_M = 5e-3
 """Links of unknown shape that end deeper [m] below the xy plane of the base are worth a sentence: a base that
 measurements found leans by some mrad, 5 mm at the end of an arm."""
-_LEVEL = 0.99
-"""Cosine from which a half-space counts as parallel to the mounting plane (8 deg)."""
 
 
 class MountingSpec(WordOrSection):
@@ -54,29 +47,15 @@ class MountingSpec(WordOrSection):
 
 @dataclass(frozen=True)
 class Mounting:
-    """The plane that links behind the first, tool and held part stay above.
+    """The plane that links behind the first, tool and held part stay above."""
 
-    Args:
-        below: distance [m] of the plane below the xy plane of the base, along its z axis.
-        assumed: whether the problem states nothing of it.
-        dropped: whether it was assumed and given up, as the task cannot be done above it.
-    """
-
-    below: float
-    assumed: bool = False
-    dropped: bool = False
+    below: float  # distance [m] of the plane below the xy plane of the base, along its z axis
+    assumed: bool = False  # whether the problem states nothing of it
+    dropped: bool = False  # whether it was assumed and given up, as the task cannot be done above it
 
     @classmethod
     def of(cls, robot: Robot, stated: MountingSpec | None, obstacles: tuple[Obstacle, ...]) -> Mounting | None:
-        """The plane that is stated; else, for an arm of known shape that stands on none of the obstacles, the foot.
-
-        None where there is none. What an arm of unknown shape is mounted on is not known either.
-
-        Args:
-            robot: with its base in the world.
-            stated: the key ``mounting`` of the cell.
-            obstacles: in the world.
-        """
+        """The stated plane; else the foot of an arm of known shape that stands on no obstacle; else None."""
         if stated is not None:
             return None if stated.below is None else cls(stated.below)
         if not robot.links_have_shape or any(carries(robot, obstacle) for obstacle in obstacles):
@@ -91,18 +70,13 @@ class Mounting:
         return HalfSpace(name=MOUNTING_PLANE, kind="half_space", normal=(x, y, z), offset=f"{offset} m")
 
     def statement(self, depth: float) -> Statement | None:
-        """What the reader of an answer has to know of it; None of a plane that is stated.
-
-        Args:
-            depth: how far the arm reaches below the plane [m].
-        """
+        """Its statement where it is assumed; ``depth`` [m] of the arm below it."""
         if self.dropped:
             return state("collision.mounting-dropped", depth=Quantity(depth), place=self._height)
         return state("collision.mounting-assumed", place=self._height) if self.assumed else None
 
     @property
     def _height(self) -> str:
-        """Where the plane is."""
         return f"{stated_length(self.below)} below the base frame" if self.below else "at its base"
 
     def to_json(self) -> dict[str, Json]:
@@ -117,14 +91,7 @@ def base_frame(robot: Robot) -> tuple[Array, Array]:
 
 
 def below_base(placed: PlacedCapsules, Q: Array) -> Statement | None:
-    """Which link ends lowest below the xy plane of the base, where nothing says what the arm stands on; else None.
-
-    Links are points here: their ends. That a tool point, or the end of the first link, is below the plane tells that
-    the arm does not stand on it.
-
-    Args:
-        Q: (N, n) postures [rad or m].
-    """
+    """Which link's end lies lowest below the base's xy plane at Q (N, n); None where tool or first link do too."""
     origin, normal = base_frame(placed.robot)
     heights = (placed.origins(Q) - origin) @ normal
     least = heights.min(axis=0)
@@ -138,11 +105,13 @@ def carries(robot: Robot, obstacle: Obstacle) -> bool:
     """Whether an obstacle is the floor or the table that the arm stands on: below its foot, and level or near."""
     origin, normal = base_frame(robot)
     foot = origin - robot.mounting_below * normal
-    if obstacle.extent(normal) > float(normal @ foot) + _STANDING_RISE_M:
+    # what rises higher stands beside the arm and carries nothing
+    if obstacle.extent(normal) > float(normal @ foot) + 0.05:
         return False
     if isinstance(obstacle, HalfSpace):
-        return float(np.dot(obstacle.unit_normal, normal)) > _LEVEL
-    return float(obstacle.distance(foot[None], foot[None])[0]) <= _STANDING_REACH_M
+        return float(np.dot(obstacle.unit_normal, normal)) > 0.99  # 8 deg
+    # feet of arms of up to 30 kg are up to 0.22 m wide
+    return float(obstacle.distance(foot[None], foot[None])[0]) <= 0.25
 
 
 class CellSpec(WordOrSection):
@@ -167,14 +136,7 @@ class CellSpec(WordOrSection):
     checked: bool = Field(True, description="false, as cell: none, leaves all collisions unchecked")
 
     def in_folder(self, folder: Path) -> CellSpec:
-        """The same cell with the files of its meshes and of its planning scene read.
-
-        Args:
-            folder: where relative file names start.
-
-        Raises:
-            InputError: every file that cannot be used, by its key from the top of the problem file.
-        """
+        """The cell with its mesh and scene files read; InputError names every file that cannot be used."""
         issues: list[Issue] = []
         obstacles: list[Obstacle] = []
         for k, obstacle in enumerate(self.obstacles):
@@ -200,11 +162,6 @@ class CellSpec(WordOrSection):
     @field_validator("obstacles")
     @classmethod
     def _named_once(cls, obstacles: tuple[Obstacle, ...]) -> tuple[Obstacle, ...]:
-        """The obstacles as they are, if their names differ: reports and solver rows are named after them.
-
-        Raises:
-            BadValueError: two of one name, or too many.
-        """
         MOST_OBSTACLES.check(len(obstacles))
         names = Counter(obstacle.name for obstacle in obstacles)
         for name, count in names.items():

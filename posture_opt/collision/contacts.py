@@ -25,35 +25,22 @@ MOST_NEAR = 48
 
 
 class Apart(NamedTuple):
-    """One pair that is kept apart.
+    """One pair that is kept apart."""
 
-    Args:
-        first: index of a capsule; second: of another one, −1 for an obstacle.
-        solid: index of the obstacle, −1 for none.
-        least: distance to keep [m].
-    """
-
-    first: int
+    first: int  # index of a capsule; second: of another one, −1 for an obstacle
     second: int
-    solid: int
-    least: float
+    solid: int  # index of the obstacle, −1 for none
+    least: float  # distance to keep [m]
 
 
 @dataclass(frozen=True)
 class Contacts:
-    """The pairs that an arm keeps apart.
+    """The pairs that an arm keeps apart."""
 
-    Args:
-        placed: its capsules.
-        obstacles: the convex solids around it.
-        pairs: (P,) what is kept apart; `POINTS` rows each.
-        reach: distance [m] beyond the least one up to which a candidate is a row.
-    """
-
-    placed: PlacedCapsules
-    obstacles: tuple[Obstacle, ...]
-    pairs: tuple[Apart, ...]
-    reach: float
+    placed: PlacedCapsules  # its capsules
+    obstacles: tuple[Obstacle, ...]  # the convex solids around it
+    pairs: tuple[Apart, ...]  # (P,) what is kept apart; `POINTS` rows each
+    reach: float  # distance [m] beyond the least one up to which a candidate is a row
 
     @cached_property
     def frames(self) -> ca.Function:
@@ -101,6 +88,8 @@ class Contacts:
         return POINTS * len(self.pairs)
 
 
+# Pairs that the spheres about them show to be far apart are not looked at. The slope of a distance is that of its two
+# points held in their bodies (Danskin 1967); its curvature is taken by differences of the slopes.
 _TEXT = """
 typedef struct {
   long long n, capsules, pairs;
@@ -321,19 +310,13 @@ long long posture_opt_loop(long long rows, long long n, const double* q, double*
 
 @dataclass(frozen=True)
 class ContactSlack:
-    """The least of distance less what is to be kept [m], at most the reach of the contacts.
+    """The least of distance less what is to be kept [m], at most the reach of the contacts."""
 
-    Args:
-        contacts: what is kept apart.
-        compiled: None or True; there is no other way of evaluating it.
-    """
-
-    contacts: Contacts
-    compiled: bool | None
+    contacts: Contacts  # what is kept apart
+    compiled: bool | None  # None or True; there is no other way of evaluating it
 
     @cached_property
     def _loop(self) -> RowLoop:
-        """All postures in one call."""
         return RowLoop({"frames": self.contacts.frames}, _LOOP, self.compiled)
 
     @property

@@ -13,10 +13,6 @@ import numpy as np
 from posture_opt.numerics import TURN, Array, Codes
 from posture_opt.robot.meshes import read_triangles
 
-_MAX_WINDING_FACES = 2000
-"""Faces of the mesh that say what is inside; of a finer one neighbouring corners are put together."""
-_GRID = 7
-"""Points along an edge of a face by which it is measured how far the boxes lie outside."""
 _SURFACE_POINTS = 10_000
 """Points on the surface of the mesh that these are compared with."""
 _NEIGHBOURS = 24
@@ -27,11 +23,8 @@ Corners = tuple[Array, Array]
 
 
 def winding(points: Array, triangles: Array) -> Array:
-    """(N,) how often the surface winds about points (N, 3): 1 inside, 0 outside, whichever way its faces are turned.
-
-    Van Oosterom & Strackee (1983), IEEE Trans. Biomed. Eng. 30, eq. 8; Jacobson et al. (2013), ACM TOG 32.
-    """
-    coarse = coarser(triangles, _MAX_WINDING_FACES)
+    """(N,) winding number at points (N, 3): 1 inside (Van Oosterom & Strackee 1983, eq. 8; Jacobson et al. 2013)."""
+    coarse = coarser(triangles, 2000)
     total = np.zeros(len(points))
     for k in range(0, len(points), 256):
         a, b, c = (coarse[None, :, i] - points[k : k + 256, None] for i in range(3))
@@ -78,7 +71,7 @@ def gap_between(triangles: Array, boxes: list[Corners]) -> float:
     a, b, c = (triangles[chosen, k] for k in range(3))
     surface = np.concatenate([a + u * (b - a) + v * (c - a), triangles.reshape(-1, 3)])
     corners = np.repeat(np.arange(len(triangles)), 3)
-    t = np.linspace(0.0, 1.0, _GRID)
+    t = np.linspace(0.0, 1.0, 7)  # points along an edge
     shares = np.stack(np.meshgrid(t, t, t), axis=-1).reshape(-1, 3)
     shares = shares[np.any((shares == 0) | (shares == 1), axis=1)]
     outer = []
@@ -92,11 +85,7 @@ def gap_between(triangles: Array, boxes: list[Corners]) -> float:
 
 
 def _distances(points: Array, surface: Array, owners: Codes, triangles: Array) -> Array:
-    """(N,) distance [m] of points (N, 3) to the triangles (f, 3, 3) of the surface points (m, 3) next to them.
-
-    Args:
-        owners: (m,) the triangle of each surface point.
-    """
+    """(N,) distance [m] of points (N, 3) to the triangles ``owners`` (m,) of the nearest surface points (m, 3)."""
     import trimesh
     from scipy.spatial import cKDTree
 
@@ -110,10 +99,6 @@ def _distances(points: Array, surface: Array, owners: Codes, triangles: Array) -
     return found
 
 
-_MAX_CELLS = 250
-"""Cells that the mesh is cut into at most."""
-_FREE_SHARE = 2e-3
-"""Boxes are put together without need where that adds less than this share of their volume."""
 _FLAT_M = 1e-6
 """Corners of a face across an axis differ by less along it."""
 _MIN_EDGE_M = 1e-4
@@ -121,13 +106,9 @@ _MIN_EDGE_M = 1e-4
 
 
 class OrientedBox(NamedTuple):
-    """A box in the frame of the mesh.
+    """A box in the frame of the mesh."""
 
-    Args:
-        rotation: (3, 3) R_mesh_box; middle: (3,) [m]; size: (3,) its edges [m].
-    """
-
-    rotation: Array
+    rotation: Array  # (3, 3) R_mesh_box; middle: (3,) [m]; size: (3,) its edges [m]
     middle: Array
     size: Array
 
@@ -139,28 +120,15 @@ class OrientedBox(NamedTuple):
 
 @dataclass(frozen=True)
 class EnclosedMesh:
-    """A mesh and the boxes about it, in the frame of its file.
+    """A mesh and the boxes about it, in the frame of its file."""
 
-    Args:
-        triangles: (f, 3, 3) corners [m].
-        boxes: which enclose it.
-        outside: how far the surface of the boxes lies from that of the mesh at most [m].
-    """
-
-    triangles: Array
-    boxes: tuple[OrientedBox, ...]
-    outside: float
+    triangles: Array  # (f, 3, 3) corners [m]
+    boxes: tuple[OrientedBox, ...]  # which enclose it
+    outside: float  # how far the surface of the boxes lies from that of the mesh at most [m]
 
 
 def enclosed_mesh(path: Path, factor: float, most: int) -> EnclosedMesh:
-    """The mesh in a file and at most ``most`` boxes about it; computed once for each version of the file.
-
-    Args:
-        factor: one unit of the file [m].
-
-    Raises:
-        UnreadMeshError: the file cannot be read, or trimesh is not installed.
-    """
+    """Mesh and at most ``most`` boxes, once a version of the file; ``factor``: its unit [m]; raises UnreadMeshError."""
     status = path.stat()
     return _enclosed(path, factor, most, status.st_mtime_ns, status.st_size)
 
@@ -190,16 +158,11 @@ def _frame(triangles: Array) -> Array:
 
 @dataclass(frozen=True)
 class _Cell:
-    """A part of space between planes along the axes, with the surface in it.
+    """A part of space between planes along the axes, with the surface in it."""
 
-    Args:
-        low, high: (3,) its corners [m].
-        triangles: (f, 3, 3) of the surface, cut at its faces [m].
-    """
-
-    low: Array
+    low: Array  # low, high: (3,) its corners [m]
     high: Array
-    triangles: Array
+    triangles: Array  # (f, 3, 3) of the surface, cut at its faces [m]
 
     @cached_property
     def weight(self) -> float:
@@ -247,21 +210,20 @@ class _Cell:
         return self.low + _CORNERS * (self.high - self.low)
 
 
-_NUDGE = 1e-3
-"""Share of the way from a corner to the middle of its cell."""
 _CORNERS = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)], dtype=float)
 
 
 def _boxes(triangles: Array, most: int) -> list[Corners]:
     """At most ``most`` boxes along the axes about the solid that triangles (f, 3, 3) bound [m]."""
     cells = [_Cell(*_corners(triangles), triangles)]
-    while len(cells) < _MAX_CELLS:
+    while len(cells) < 250:
         cells.sort(key=lambda cell: cell.weight)
         if cells[-1].weight == 0 or float(np.max(cells[-1].high - cells[-1].low)) < 2 * _MIN_EDGE_M:
             break
         cells += cells.pop().halves()
     # A corner on the surface counts where it is inside as seen from the cell.
-    nudged = [cell.corners + _NUDGE * ((cell.low + cell.high) / 2 - cell.corners) for cell in cells]
+    # of the way to the middle
+    nudged = [cell.corners + 1e-3 * ((cell.low + cell.high) / 2 - cell.corners) for cell in cells]
     inside = winding(np.concatenate(nudged), triangles).reshape(-1, 8) > 0.5
     middles = winding(np.array([(cell.low + cell.high) / 2 for cell in cells]), triangles) > 0.5
     held = []
@@ -274,7 +236,6 @@ def _boxes(triangles: Array, most: int) -> list[Corners]:
 
 
 def _merged(boxes: list[Corners], most: int) -> list[Corners]:
-    """Boxes put together, pair by pair, where that adds least volume: until they are few, and as long as it is free."""
     low, high = (np.array(side) for side in zip(*boxes, strict=True))
     while len(low) > 1:
         volume = np.prod(high - low, axis=1)
@@ -282,7 +243,7 @@ def _merged(boxes: list[Corners], most: int) -> list[Corners]:
         more = union - volume[:, None] - volume
         np.fill_diagonal(more, np.inf)
         i, j = np.unravel_index(int(np.argmin(more)), more.shape)
-        if len(low) <= most and more[i, j] > _FREE_SHARE * union[i, j]:
+        if len(low) <= most and more[i, j] > 2e-3 * union[i, j]:  # less than this share of their volume is free
             break
         joined = np.minimum(low[i], low[j]), np.maximum(high[i], high[j])
         kept = ~np.all((low >= joined[0] - 1e-12) & (high <= joined[1] + 1e-12), axis=1)
@@ -291,7 +252,6 @@ def _merged(boxes: list[Corners], most: int) -> list[Corners]:
 
 
 def _halves(triangles: Array, axis: int, at: float) -> tuple[Array, Array]:
-    """The triangles on either side of a plane, those that it crosses cut."""
     beyond = triangles[:, :, axis] - at
     below, above = np.all(beyond <= 0, axis=1), np.all(beyond >= 0, axis=1)
     cut = [*_cut(triangles[~below & ~above], axis, at)]

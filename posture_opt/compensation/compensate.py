@@ -25,8 +25,6 @@ from posture_opt.selection.problem_data import ProblemData
 from posture_opt.uncertainty.spread.joint_digits import JointDigits, joint_digits
 from posture_opt.units import number
 
-_LIMIT_TOLERANCE = 1e-9  # rad or m
-_OTHER_UNIT_LENGTHS = 3.0  # times the length of the arm: a target beyond is probably in another unit
 _MAX_LISTED_LINES = 20  # lines named in an error
 
 
@@ -48,7 +46,7 @@ def unreached_reason(found: Compensation, k: int) -> str:
     held = [
         f"{joint.name} at its {'upper' if value > (joint.lower + joint.upper) / 2 else 'lower'} limit"
         for joint, value in zip(robot.joints, found.q[k], strict=True)
-        if min(value - joint.lower, joint.upper - value) < max(_LIMIT_TOLERANCE, found.digits.turn)
+        if min(value - joint.lower, joint.upper - value) < max(1e-9, found.digits.turn)
     ]
     because = f" ({', '.join(held)})" if held else ""
     off, turned = found.after.off[k], found.after.turned[k]
@@ -58,7 +56,6 @@ def unreached_reason(found: Compensation, k: int) -> str:
 
 
 def _other_posture_hint(found: Compensation) -> tuple[str, ...]:
-    """A hint where the joint values of the file lead to what is refused, and other ones may not."""
     targets = found.targets
     if targets.near is None or targets.position is None or not found.reasons:
         return ()
@@ -68,23 +65,17 @@ def _other_posture_hint(found: Compensation) -> tuple[str, ...]:
 
 
 def _common_hint(found: Compensation) -> tuple[str, ...]:
-    """A hint where every target is farther off than the arm is long: another unit, or another frame."""
     first, longest = stretched(found.problem.robot)
     away = np.linalg.norm(found.wanted.position - first, axis=1)
     if not (away > longest).all():
         return ()
-    if float(away.min()) > _OTHER_UNIT_LENGTHS * longest:
+    if float(away.min()) > 3.0 * longest:
         return (f"the arm stretches to {longest * 1e3:.0f} mm: is the unit of x, y, z right?",)
     origin = ", ".join(f"{1e3 * float(x):.0f}" for x in first)
     return (
         f"the arm stretches to {longest * 1e3:.0f} mm from its first joint, at ({origin}) mm in the world frame of the "
         'problem file: if the targets are in the frame of the robot, add --base "0, 0, 0"',
     )
-
-
-_MAX_ROUNDS = 40  # of effects and chain in turn; effects of a thousandth of a joint's motion converge in five
-_FREE_SIDE_ROUNDS = 12  # rounds after which a joint's side stays what it is: one that hardly moves may not converge
-_JOINT_TOLERANCE = 1e-10  # rad or m
 
 
 @interruptible()
@@ -127,11 +118,6 @@ def compensate(problem: ProblemData, targets: TableLike | Targets) -> Compensati
 
 
 def _compensated(problem: ProblemData, rows: Targets) -> Compensation:
-    """The compensation of targets in the cell of a problem, its mounting plane included.
-
-    Raises:
-        NoSolutionError: targets that are refused.
-    """
     wanted, arm = _wanted_poses(problem, rows), _planned_arm(problem)
     solver = NearestPostures(arm.robot)
     start = starting_postures(problem, solver, rows, wanted)
@@ -155,7 +141,6 @@ def _compensated(problem: ProblemData, rows: Targets) -> Compensation:
 
 
 def _planned_arm(problem: ProblemData) -> Arm:
-    """The arm, with the joints held that its task holds."""
     return problem.arm if problem.task is None else with_held_joints(problem.arm, problem.task)
 
 
@@ -171,35 +156,28 @@ def _wanted_poses(problem: ProblemData, rows: Targets) -> Poses:
 def _settled_postures(
     arm: Arm, solver: NearestPostures, rows: Targets, wanted: Poses, near: Array
 ) -> tuple[Array, Arrivals, Mask]:
-    """Postures (N, n) [rad or m], the arrivals that they were solved for, and whether they reach their poses (N,).
-
-    What effects add at the present postures is subtracted from the targets, the chain is solved for these, and again,
-    up to `_MAX_ROUNDS` times: the side from which a joint arrives depends on the postures found. The fixed point
-    contracts by the slope of the effects, a thousandth or so.
-    """
+    """Postures (N, n) [rad or m] from effects subtracted and the chain solved in turn, their arrivals, and which
+    arrive."""
     if not arm.effects:
         q = solver.solve(wanted, near)
         return q, arrivals_of(arm, rows, q), solver.reached(q, wanted)
     q, came, aimed = near, arrivals_of(arm, rows, near), wanted
-    for round_ in range(_MAX_ROUNDS):
+    for round_ in range(40):  # effects of a thousandth of a joint's motion converge in five
         aimed = _without_effects(arm.under(came.inputs(arm, rows)), wanted, q)
         moved = solver.solve(aimed, near, q)
         there = solver.reached(moved, aimed)  # the others would not converge
         change, q = float(np.abs(moved - q)[there].max(initial=0.0)), moved
         fresh = arrivals_of(arm, rows, q)
-        if round_ >= _FREE_SIDE_ROUNDS:
+        if round_ >= 12:  # a side that hardly moves may not converge
             fresh = Arrivals(came.side, fresh.way)
-        if change < _JOINT_TOLERANCE and (fresh.side == came.side).all():
+        if change < 1e-10 and (fresh.side == came.side).all():  # rad or m
             break
         came = fresh
     return q, came, solver.reached(q, aimed)
 
 
 def _without_effects(arm: Arm, wanted: Poses, q: Array) -> Poses:
-    """The poses that the chain has to reach so that the arm with its effects comes to the wanted ones.
-
-    ``p_chain = p_wanted − (p_arm − p_bare)`` and ``R_chain = (R_arm R_bareᵀ)ᵀ R_wanted``, all at the postures q (N, n).
-    """
+    """``p_chain = p_wanted − (p_arm − p_bare)``, ``R_chain = (R_arm R_bareᵀ)ᵀ R_wanted`` at postures q (N, n)."""
     T, bare = np.asarray(arm.pose(q), dtype=float), np.asarray(Arm(arm.robot).pose(q), dtype=float)
     position = wanted.position - (T[:, :3, 3] - bare[:, :3, 3])
     back = (T[:, :3, :3] @ bare[:, :3, :3].transpose(0, 2, 1)).transpose(0, 2, 1)

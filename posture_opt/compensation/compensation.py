@@ -31,7 +31,6 @@ from posture_opt.units import fixed
 JUMP_RAD = math.radians(60.0)  # of a joint from one row to the next: more is worth a look before the program runs
 _LARGE_CHANGE_RAD = math.radians(5.0)  # of a joint by compensation: as near a singular posture
 _LENGTH_ROUNDING_M = 1e-9
-_UNCERTAIN_SHARE = 0.8  # of what was off: as much left is no gain
 
 
 def compensation_statements(found: Compensation) -> tuple[Statement, ...]:
@@ -40,7 +39,7 @@ def compensation_statements(found: Compensation) -> tuple[Statement, ...]:
     first = state("compensation.nothing-known", left=Quantity(left))
     if off >= _LENGTH_ROUNDING_M:
         first = state("compensation.compensated", targets=len(found), left=Quantity(left), off=Quantity(off))
-    uncertain = off >= _LENGTH_ROUNDING_M and left > _UNCERTAIN_SHARE * off
+    uncertain = off >= _LENGTH_ROUNDING_M and left > 0.8 * off  # as much left is no gain
     return (
         first,
         *scene_statements(found.problem.scene, found.q),
@@ -60,7 +59,6 @@ def cautions(found: Compensation) -> tuple[Statement, ...]:
 
 
 def _large_change(found: Compensation) -> list[Statement]:
-    """Where a joint changes by much."""
     turns = np.array([joint.type == "revolute" for joint in found.problem.robot.joints])
     change = np.where(turns, np.abs(found.q - found.near), 0.0)
     row, joint = np.unravel_index(int(np.argmax(change)), change.shape)
@@ -71,7 +69,6 @@ def _large_change(found: Compensation) -> list[Statement]:
 
 
 def _jumps(found: Compensation) -> list[Statement]:
-    """Where the arm changes its configuration, with the joint that moves most."""
     if found.targets.near is not None:
         return []
     return [
@@ -87,21 +84,18 @@ def _jumps(found: Compensation) -> list[Statement]:
 
 
 def _uncertain_sides(found: Compensation) -> list[Statement]:
-    """Joints that hardly move, of which rounding decides from which side they arrive."""
     joints = tuple(found.problem.robot.joint_names[j] for j in np.flatnonzero(found.unsettled.any(axis=0)))
     lines = listed_lines(found.targets.line[found.unsettled.any(axis=1)].tolist())
     return [state("compensation.side-uncertain", joints[0], joints=joints, lines=lines)] if joints else []
 
 
 def _other_sides(found: Compensation) -> list[Statement]:
-    """Lines that state another side of arrival than the way from the row before them has."""
     moved, stated = np.sign(np.diff(found.q, axis=0)), found.targets.side[1:]
     other = np.any(sided_joints(found.problem.arm) & (stated != 0) & (moved != stated), axis=1)
     lines = found.targets.line[1:][other].tolist()
     return [state("compensation.side-contradicted", lines=listed_lines(lines))] if lines else []
 
 
-_LENGTH_DECIMALS = 5  # of a mm: off and left to 10 nm
 Origin = Literal["given", "given as targets", "first row", "task"]
 """Where the joint values of targets come from."""
 
@@ -147,7 +141,6 @@ class Compensation(Result):
     unsettled: Mask
 
     def __len__(self) -> int:
-        """The number of targets."""
         return len(self.q)
 
     @property
@@ -202,21 +195,19 @@ class Compensation(Result):
             values = zip(self.headers, self.q[k], strict=True)
             joints = [self._written(self.digits.text(j, v, f)) for (j, _, f), v in values]
             texts = [joints[at[i]] if i in at else cell for i, cell in enumerate(cells)]
-            off, left = (self._written(fixed(1e3 * float(v[k]), _LENGTH_DECIMALS)) for v in (self.off, self.left))
+            # off and left to 10 nm
+            off, left = (self._written(fixed(1e3 * float(v[k]), 5)) for v in (self.off, self.left))
             rows.append([*([] if self._joints_given else joints), *texts, off, left])
         return "".join(csv_line(row, self.targets.separator) + "\n" for row in rows)
 
     def _written(self, number: str) -> str:
-        """A number with the decimal mark of the targets."""
         return number.replace(".", self.targets.decimal)
 
     @property
     def _joints_given(self) -> bool:
-        """Whether the targets state joint values."""
         return self.targets.near is not None
 
     def _column_header(self, k: int) -> str:
-        """The header of column k of the targets as it was given."""
         return self.targets.headers[k].strip()
 
     def fields_json(self) -> dict[str, Json]:

@@ -21,15 +21,11 @@ _LONG_MOVE = 1e6  # rad or m: the move to the first row, of which nothing is kno
 
 @dataclass(frozen=True, eq=False)
 class Arrivals:
-    """How the joints arrive at N rows.
+    """How the joints arrive at N rows."""
 
-    Args:
-        side: (N, n) direction of the last move of each joint: +1 when its value grew, −1 when it fell, 0 where unknown.
-        way: (N, n) length of that move [rad or m].
-    """
-
+    # (N, n) direction of the last move of each joint: +1 when its value grew, −1 when it fell, 0 where unknown
     side: Array
-    way: Array
+    way: Array  # (N, n) length of that move [rad or m]
 
     @property
     def known(self) -> Mask:
@@ -37,12 +33,7 @@ class Arrivals:
         return np.asarray(self.side != 0)
 
     def inputs(self, arm: Arm, rows: Targets, stated: Sequence[str] = ()) -> Inputs:
-        """The inputs of effects in every row: its own columns, and those of the task where it has none.
-
-        Args:
-            arm: whose own inputs (payload, temperature, time) are taken where a column is missing.
-            stated: names of joints whose side counts as known; the others' side is a source of error.
-        """
+        """Inputs of effects in every row, its own columns first; sides not ``stated`` are sources of error."""
         given, n = arm.inputs, len(rows)
         warmth = None if rows.temperature is None else rows.temperature - REFERENCE_TEMPERATURE
         return Inputs(
@@ -56,14 +47,7 @@ class Arrivals:
 
 
 def arrivals_of(arm: Arm, rows: Targets, q: Array) -> Arrivals:
-    """The arrivals at commands (N, n) [rad or m] that follow each other.
-
-    ``side_k = sign(q_k − q_{k−1})``; where a joint does not move, the last move before it counts. The first row has no
-    move before it: the joints come from far, so that hysteresis is complete (`_LONG_MOVE`).
-
-    The file's ``approach`` columns count; else the sign of the last move, which a joint that does not move keeps; at
-    the first row what the task states.
-    """
+    """``side_k = sign(q_k − q_{k−1})`` of commands (N, n) or the last move before; the first comes from far."""
     step = np.diff(q, axis=0, prepend=q[:1])
     last = np.where(np.abs(step) > _MOVE_TOLERANCE, np.arange(len(q))[:, None], 0)
     move = np.take_along_axis(step, np.maximum.accumulate(last, axis=0), axis=0)
@@ -80,32 +64,18 @@ def sided_joints(arm: Arm) -> Mask:
 
 @dataclass(frozen=True, eq=False)
 class ExpectedMiss:
-    """Of N commands against their targets.
+    """Of N commands against their targets."""
 
-    Args:
-        off: (N,) distance of the expected tool point [m]; turned: (N,) angle of the expected orientation [rad].
-        rms: (N,) root mean square distance of the tool point, uncertainty and scatter included [m]; rms_turned: (N,)
-            of the angle [rad].
-    """
-
-    off: Array
+    off: Array  # (N,) distance of the expected tool point [m]; turned: (N,) angle of the expected orientation [rad]
     turned: Array
+    # (N,) root mean square distance of the tool point, uncertainty and scatter included [m]; rms_turned: (N,) of the
+    # angle [rad]
     rms: Array
     rms_turned: Array
 
 
 def expected_miss(arm: Arm, sources: Sources, rows: Targets, wanted: Poses, q: Array, came: Arrivals) -> ExpectedMiss:
-    """The expected miss of commands: ``rms² = |E f(q) − x|² + tr Cov f(q)``.
-
-    f is the arm with corrections and effects under the inputs of each row, x the wanted point. The covariance is that
-    of everything uncertain: geometry, effects, scatter, and the sides that are unknown. Rows with the same known sides
-    are evaluated together.
-
-    Args:
-        arm: with its effects; sources: the errors of its parameters.
-        rows: for their columns; wanted: (N,) poses, world.
-        q: (N, n) commands [rad or m]; came: how the joints arrive at them.
-    """
+    """``rms² = |E f(q) − x|² + tr Cov f(q)`` at commands q (N, n) [rad or m], f with effects and errors."""
     q = np.asarray(q, dtype=float)
     inputs = came.inputs(arm, rows)
     left = pose_misses(np.asarray(arm.under(inputs).pose(q), dtype=float), wanted)
@@ -125,12 +95,7 @@ def expected_miss(arm: Arm, sources: Sources, rows: Targets, wanted: Poses, q: A
 
 
 def _mean_square_spread(tool_point: ToolPoint, q: Sequence[Array], left: Array) -> tuple[Array, Array]:
-    """What uncertainty adds (N,) to the mean square of the distance [m²] and of the angle [rad²].
-
-    Args:
-        q: (n,) of joint values (N,); left: (N, 3) target minus nominal tool point [m], which the bias of the mean
-            changes.
-    """
+    """(N,) mean squares that uncertainty adds [m²], [rad²]; ``left`` (N, 3) target minus nominal tool point [m]."""
     moments = tool_point.moments(q)
     count = len(left)
     bias = np.broadcast_to(np.asarray(moments.mean - moments.position, dtype=float), (count, 3))

@@ -26,20 +26,13 @@ LEAST_LENGTH_M = 1e-9
 
 
 class ProductSolid(NamedTuple):
-    """A solid as a product of balls.
+    """A solid as a product of balls."""
 
-    Args:
-        rotation: (3, 3) R_world_solid; origin: (3,) [m], world.
-        group: (3,) the ball of each coordinate, `FREE` for none.
-        size: (3,) radius of each ball [m].
-        one_sided: whether the only ball is a half-line.
-    """
-
-    rotation: Array
+    rotation: Array  # (3, 3) R_world_solid; origin: (3,) [m], world
     origin: Array
-    group: tuple[int, int, int]
-    size: tuple[float, float, float]
-    one_sided: bool = False
+    group: tuple[int, int, int]  # (3,) the ball of each coordinate, `FREE` for none
+    size: tuple[float, float, float]  # (3,) radius of each ball [m]
+    one_sided: bool = False  # whether the only ball is a half-line
 
     @property
     def bounding_radius(self) -> float:
@@ -54,6 +47,8 @@ class ProductSolid(NamedTuple):
         return [*self.rotation.ravel(), *self.origin, *self.group, *self.size, self.one_sided, self.bounding_radius]
 
 
+# A box is three intervals, a cylinder a disc and an interval. With e_g = |p_g| - h_g of each ball the signed distance
+# is sqrt(sum max(e_g, 0)^2) outside and max e_g inside, a convex function of the point.
 SIGNED_DISTANCE_C = """
 static double po_signed_distance(const double* solid, const double* x, double* normal) {
   const double *R = solid, *origin = solid + 9, *group = solid + 12, *size = solid + 15;
@@ -102,11 +97,6 @@ Points = tuple[ca.SX, ca.SX]
 
 
 def _given_name(name: str) -> str:
-    """The name as it is.
-
-    Raises:
-        BadValueError: it is empty or blank.
-    """
     if not name.strip():
         raise BadValueError("an obstacle needs a name, by which reports speak of it", "write for example name: table")
     return name
@@ -133,26 +123,15 @@ class Obstacle(Spec):
 
     @abstractmethod
     def distance(self, start: Array, end: Array) -> Array:
-        """(...) exact distance of segments to the solid [m]; zero or less where they touch it.
-
-        Args:
-            start, end: (..., 3) ends of the segments [m], world.
-        """
+        """(...) exact distance of segments from (..., 3) to (..., 3) [m], world; zero or less where they touch."""
 
     @abstractmethod
     def bounds(self, start: ca.SX, along: ca.SX, length: float, radius: float) -> list[ca.SX]:
-        """Smooth expressions whose least is a lower bound of the distance of a capsule [m].
-
-        Args:
-            start, along: (3,) where its segment starts and the vector to its end, world [m].
-            length: of the segment; ``radius`` of the capsule [m].
-        """
+        """Smooth lower bounds [m] of the distance of a capsule: its start (3,), vector to its end (3,) [m], world."""
 
     @abstractmethod
     def smaller(self, by: Size) -> Self:
-        """The same solid with every face ``by`` [m] farther in; a symbol gives one whose `bounds` are expressions of
-        it.
-        """
+        """The solid with every face ``by`` [m] farther in; `bounds` may be expressions of a symbol."""
 
     @property
     @abstractmethod
@@ -169,11 +148,7 @@ class Obstacle(Spec):
 
     @abstractmethod
     def facets(self, lower: Array, upper: Array) -> Array:
-        """(k, 4, 3) small faces of its surface [m], world, for drawing.
-
-        Args:
-            lower, upper: (3,) corners of the box that is drawn [m]; of an endless solid the faces in it.
-        """
+        """(k, 4, 3) small faces [m] for a drawing of the box from (3,) to (3,) [m], world."""
 
 
 class PlacedObstacle(Obstacle):

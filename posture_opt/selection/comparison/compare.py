@@ -28,15 +28,10 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, eq=False)
 class OnDemand(Mapping[str, T], Generic[T]):
-    """Values by name, each made when it is first asked for.
+    """Values by name, each made when it is first asked for."""
 
-    Args:
-        names: of all values, in their order.
-        make: a name -> its value.
-    """
-
-    names: Collection[str]
-    make: Callable[[str], T]
+    names: Collection[str]  # of all values, in their order
+    make: Callable[[str], T]  # a name -> its value
     _made: dict[str, T] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> T:
@@ -163,7 +158,6 @@ def _planned_column(
 def _compared(
     problems: Mapping[str, ProblemData], found: Mapping[str, Solution | Reasons]
 ) -> dict[str, ComparedAnswer]:  # fmt: skip
-    """The columns of a comparison."""
     return {name: _column(problems, name, answer) for name, answer in found.items()}
 
 
@@ -171,7 +165,6 @@ def _column(
     problems: Mapping[str, ProblemData], name: str, answer: Solution | Reasons, basis: Array | None = None,
     measured: Array | None = None,
 ) -> ComparedAnswer:  # fmt: skip
-    """The answer of one of the problems, judged by all of them whose arms have the same joints."""
     problem = problems[name]
     if isinstance(answer, tuple):
         return ComparedAnswer(problem, reasons=answer)
@@ -184,7 +177,6 @@ def _judged(
     judges: Mapping[str, ProblemData], stations: Sequence[Solution], basis: Array | None, measured: Array | None,
     judge: str,
 ) -> JudgedAnswer:  # fmt: skip
-    """What one of the models predicts of an answer."""
     return judged_answer(judges[judge], stations, basis, measured)
 
 
@@ -193,7 +185,6 @@ def _same_joints(one: Robot, other: Robot) -> bool:
 
 
 def _same_task(problems: Mapping[str, ProblemData]) -> tuple[dict[str, ProblemData], tuple[Statement, ...]]:
-    """The problems with the task of the first, and which of them had another."""
     name, first = next(iter(problems.items()))
     if first.task is None:
         hint = f"add a task: section to {name}, name the file with the task first, or write --task and --position"
@@ -210,12 +201,10 @@ def _same_task(problems: Mapping[str, ProblemData]) -> tuple[dict[str, ProblemDa
 
 
 def _scattering(model: ProblemData, sources: Sources) -> ProblemData:
-    """The model, under other sources of error where it states none itself."""
     return replace(model, sources=sources) if model.sources.empty else model
 
 
 def _planned(problem: ProblemData, seed: int | None, hint: str) -> Solution | Reasons:
-    """The one posture that a model plans, or the reasons why it has none."""
     hints = (hint,) if hint else ()
     if far := _far_away(problem):
         return (far, *hints)
@@ -229,7 +218,6 @@ def _planned(problem: ProblemData, seed: int | None, hint: str) -> Solution | Re
 
 
 def _far_away(problem: ProblemData) -> str:
-    """Why the target is out of reach of any arm of this length, or an empty text; a search would take much longer."""
     robot, task = problem.robot, problem.task
     assert task is not None
     if task.position is None:

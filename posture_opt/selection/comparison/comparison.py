@@ -22,11 +22,7 @@ from posture_opt.uncertainty.spread.conditions import conditions
 
 FIRST = "nominal"
 """The model that others are compared with: the one before calibration."""
-_PLANAR_JOINTS = 2  # of arms whose bodies no one asks about
-_MOSTLY = 0.5  # of an error radius: a mean error that most of it comes from
-_SMALL_GAIN = 0.7  # of the error before: a gain that hardly shows at the task
 _EDGE = math.radians(1.0)  # rad or m: a posture that leaves the measured range by less is at its edge
-_OTHER_ARM_RATIO = 100.0  # times its own error: another arm
 _FILES = ("calibrated", "extended")  # models whose problem file --out writes under their name
 _MODELS = {
     "nominal": "the model before calibration", "calibrated": "the calibrated model", "extended": "the extended model",
@@ -55,31 +51,29 @@ def plan_statements(found: Comparison | None) -> tuple[Statement, ...]:
 
 
 def _without(found: Comparison, name: str) -> Statement:
-    """That a model has no posture for the task."""
     reason = next(iter(found.answers[name].reasons), "no posture was found") if name in found.answers else "not asked"
     return state("selection.plan-impossible", name, model=model_name(name), reason=reason)
 
 
 def _gain(found: Comparison) -> list[Statement]:
-    """The 95 % error radius before and with the reference."""
     old, new = (found.answers[name].judged[found.reference] for name in (FIRST, found.reference))
     name = "plan-error-corrected" if found.same_posture(FIRST, found.reference) else "plan-error"
     radii = {"before": Quantity(old.critical_error), "now": Quantity(new.critical_error)}
     said = [state(f"selection.{name}", found.reference, **radii, model=model_name(found.reference))]
-    if old.distance > _MOSTLY * old.critical_error:
+    if old.distance > 0.5 * old.critical_error:
         said.append(state("selection.plan-mean-error", mean=Quantity(old.distance)))
     return said
 
 
 def _posture(found: Comparison) -> list[Statement]:
-    """The planned posture, what it holds for, and what is not known of the way there."""
     column = found.answers[found.reference]
     assert column.answer is not None
     (station,), problem = column.stations, column.problem
     joints, scene = problem.robot.joints, column.answer.problem.scene
     values = tuple(f"{joint.name} {joint_value(q, joint.type)}" for joint, q in zip(joints, station.q, strict=True))
     held = conditions(problem.arm)
-    unchecked = not scene.active and not scene.switched_off and len(joints) > _PLANAR_JOINTS
+    # no one asks about the bodies of planar arms
+    unchecked = not scene.active and not scene.switched_off and len(joints) > 2
     why = "; ".join(problem.robot.shape_notes) or "the shape of the arm is not known"
     return [
         state("selection.plan-posture", posture=", ".join(values)),
@@ -95,13 +89,11 @@ def judged_by_reference(found: Comparison) -> PredictedError:
 
 
 def _outside(found: Comparison) -> str:
-    """The joint that leaves its measured range; empty where none does."""
     away = judged_by_reference(found).from_measured
     return away.joint if away is not None and away.beyond > _EDGE else ""
 
 
 def _range(found: Comparison) -> list[Statement]:
-    """Whether the planned posture is where the arm was measured."""
     away, joint, problem = judged_by_reference(found).from_measured, _outside(found), found.problem
     if away is None:
         return []
@@ -121,7 +113,6 @@ def _range(found: Comparison) -> list[Statement]:
 
 
 def _parts(found: Comparison) -> list[Statement]:
-    """What of the remaining error is scatter and what is not known, and what to measure against it."""
     parts = judged_by_reference(found).parts
     if parts is None:
         return []
@@ -132,7 +123,8 @@ def _parts(found: Comparison) -> list[Statement]:
     if not parts.systematic_sigma > 0:
         return unstated
     sources = tuple(parts.parameters)
-    matters = parts.mostly_systematic and (new > _SMALL_GAIN * old or bool(_outside(found)))
+    # a smaller gain hardly shows at the task
+    matters = parts.mostly_systematic and (new > 0.7 * old or bool(_outside(found)))
     if not matters:
         return [*unstated, state("selection.plan-error-parts", "", sources=sources, **sizes)]
     file = f" --problem {found.reference}.yaml" if found.reference in _FILES else ""
@@ -142,7 +134,6 @@ def _parts(found: Comparison) -> list[Statement]:
 
 
 def _arms(found: Comparison) -> list[Statement]:
-    """The arm with the smallest standard deviation, how much more the others have, and which cannot do the task."""
     answered, best = found.answered, found.best
     assert best is not None, "without any answer there is no comparison"
     least, part = answered[best].judged[best].sigma_max, part_of(answered[best].stations[0])
@@ -163,18 +154,16 @@ def _arms(found: Comparison) -> list[Statement]:
 
 
 def _each_once(statements: Iterable[Statement]) -> Iterable[Statement]:
-    """Statements without repetitions."""
     return {one.text: one for one in statements}.values()
 
 
 def is_other_arm(found: Comparison, name: str, judge: str) -> bool:
     """Whether the posture of one arm means nothing to the other: it misses by far more than the arm errs."""
     arm = found.arms[name]
-    return judge in arm.judged and arm.judged[judge].distance > _OTHER_ARM_RATIO * arm.judged[name].critical_error
+    return judge in arm.judged and arm.judged[judge].distance > 100.0 * arm.judged[name].critical_error
 
 
 def _cross(found: Comparison) -> list[Statement]:
-    """What the last arm predicts of the posture of the first, and which arms are not alike at all."""
     pairs = [(name, judge) for judge in found.arms for name in found.answered if name != judge]
     far = [(name, judge) for name, judge in pairs if is_other_arm(found, name, judge)]
     said = [
@@ -191,19 +180,13 @@ def _cross(found: Comparison) -> list[Statement]:
     return said
 
 
-_TIE = 1e-12  # of a standard deviation
-
-
 @dataclass(frozen=True, eq=False)
 class ComparedAnswer:
-    """A column of a comparison: the answer planned with one model, or why there is none, and its judgements.
-
-    Args:
-        judged: name of a model -> what it predicts of the answer; models of arms with other joints have no entry.
-    """
+    """A column of a comparison: the answer planned with one model, or why there is none, and its judgements."""
 
     problem: ProblemData
     answer: Solution | None = None
+    # name of a model -> what it predicts of the answer; models of arms with other joints have no entry
     judged: Mapping[str, JudgedAnswer] = field(default_factory=dict)
     reasons: tuple[str, ...] = ()
 
@@ -295,7 +278,7 @@ class Comparison(Result):
             return None
         sigmas = {name: compared.judged[name].sigma_max for name, compared in self.answered.items()}
         least = min(sigmas.values())
-        return next(name for name, sigma in sigmas.items() if sigma <= least * (1 + _TIE))
+        return next(name for name, sigma in sigmas.items() if sigma <= least * (1 + 1e-12))
 
     def same_posture(self, one: str, other: str) -> bool:
         """Whether the one posture of two models is the same but for what the models correct, and for whole turns."""

@@ -18,8 +18,6 @@ from posture_opt.selection.search.relaxation import plane_reason
 Plane = Literal["xy", "xz", "yz"]
 
 _LONGER_SIDE_TARGETS = 17  # targets along it by default: a map of some seconds
-_MIN_SIDE_TARGETS = 5  # along the shorter side: fewer show no shape
-_POSITION_MARGIN = 0.3  # of the reach, to either side of a position
 
 
 ALIGNED = 1e-9  # off one, of the largest component of a unit vector along an axis: rounding
@@ -27,17 +25,11 @@ ALIGNED = 1e-9  # off one, of the largest component of a unit vector along an ax
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """Targets ``origin + u e1 + v e2 + w e3``, u running fastest.
+    """Targets ``origin + u e1 + v e2 + w e3``, u running fastest."""
 
-    Args:
-        origin: (3,) [m], world.
-        axes: (3, 3) unit vectors e1, e2, e3, one a row: the two that a figure shows, and the one across them.
-        values: of u, v, w [m], ascending.
-    """
-
-    origin: Array
-    axes: Array
-    values: tuple[Array, Array, Array]
+    origin: Array  # (3,) [m], world
+    axes: Array  # (3, 3) unit vectors e1, e2, e3, one a row: the two that a figure shows, and the one across them
+    values: tuple[Array, Array, Array]  # of u, v, w [m], ascending
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -75,11 +67,7 @@ class Grid:
         return tuple(pairs)
 
     def cells(self, points: Array) -> Codes:
-        """The target (N,) in whose cell each point (N, 3) [m] is, world; -1 outside of all cells.
-
-        Across the figure's plane a cell is as thick as the distance of its layers; of a single layer, as its longer
-        side.
-        """
+        """(N,) target whose cell holds each point (N, 3) [m], world; −1 outside of all."""
         at = self.coordinates(points)
         sides = self.sides
         index, inside = [], np.ones(len(points), dtype=bool)
@@ -113,18 +101,12 @@ def along_world_axes(axes: Array) -> bool:
 
 @dataclass(frozen=True)
 class GridRequest:
-    """What a map is asked to cover; what is left out is chosen to suit the task.
+    """What a map is asked to cover; what is left out is chosen to suit the task."""
 
-    Args:
-        counts: (2,) in the plane, or (3,) along x, y, z of the world.
-        low, high: (3,) corners of a box in the world [m].
-        plane: of the world's axes; default: across the direction of the task.
-    """
-
-    counts: tuple[int, ...] | None = None
-    low: tuple[float, float, float] | None = None
+    counts: tuple[int, ...] | None = None  # (2,) in the plane, or (3,) along x, y, z of the world
+    low: tuple[float, float, float] | None = None  # low, high: (3,) corners of a box in the world [m]
     high: tuple[float, float, float] | None = None
-    plane: Plane | None = None
+    plane: Plane | None = None  # of the world's axes; default: across the direction of the task
 
     def check(self) -> None:
         """Raise InputError where counts and corners make no grid, all faults at once."""
@@ -136,7 +118,6 @@ class GridRequest:
             raise InputError(issues)
 
     def _count_issues(self) -> list[Issue]:
-        """Counts that make no grid: not two or three of them, one target alone, or more than `MOST_MAP_TARGETS`."""
         if self.counts is None:
             return []
         text, key, hint = (
@@ -154,7 +135,6 @@ class GridRequest:
         return []
 
     def _corner_issues(self) -> list[Issue]:
-        """Corners that make no box: one of them missing, not finite, exchanged, or both the same."""
         if (self.low is None) != (self.high is None):
             missing = "--min" if self.low is None else "--max"
             return [Issue("a box has two corners", (missing,), hint="give --min and --max")]
@@ -176,18 +156,7 @@ class GridRequest:
 
 
 def grid_of(request: GridRequest, target: TaskTarget, reach: Reach, points: Array, middle: Array | None) -> Grid:
-    """The grid that suits a task.
-
-    Args:
-        request: counts, corners and plane, each or none.
-        target: with the direction of the task (world); ``reach`` of the arm.
-        points: (M, 3) tool points in the world, all over the workspace [m].
-        middle: (3,) what the grid is laid about where neither corners nor a region say [m]; default: the target's.
-
-    Raises:
-        InputError: a request that makes no grid, or that is not in the plane of this arm.
-        NoSolutionError: a box, or a target of the task, outside of the plane (or line) that this arm moves in.
-    """
+    """Grid for a task, from tool points (M, 3) [m] all over the workspace, laid about ``middle`` (3,) [m], world."""
     request.check()
     _check_plane(request, target, reach)
     axes = _frame(request, target, reach)
@@ -213,7 +182,6 @@ def grid_of(request: GridRequest, target: TaskTarget, reach: Reach, points: Arra
 
 
 def _check_plane(request: GridRequest, target: TaskTarget, reach: Reach) -> None:
-    """Raise NoSolutionError where all that is asked for lies outside of the plane that the tool point cannot leave."""
     if request.low is not None and request.high is not None:
         target = replace(target, lower=np.array(request.low), upper=np.array(request.high))
     outside = plane_reason(reach, target)
@@ -227,13 +195,7 @@ def _values(low: float, high: float, count: int) -> Array:
 
 
 def _frame(request: GridRequest, target: TaskTarget, reach: Reach) -> Array:
-    """The axes (3, 3) of the grid, one a row: e1, e2 in the plane of the figure and e3 across it.
-
-    Axes of the world where the plane has them; otherwise those of the arm's plane or of the task.
-
-    Raises:
-        InputError: a plane that this arm cannot leave its own for.
-    """
+    """(3, 3) axes of the grid, one a row: e1, e2 in the plane of the figure, e3 across it."""
     if reach.normals.shape[1] == 1:
         normal = reach.normals[:, 0]
         frame = _of_world(normal)
@@ -253,7 +215,6 @@ def _frame(request: GridRequest, target: TaskTarget, reach: Reach) -> Array:
 
 
 def _flat_axis(request: GridRequest) -> int | None:
-    """The axis of the world along which counts or corners leave one value, where there is exactly one such."""
     flat: set[int] = set()
     if request.counts is not None and len(request.counts) == 3:
         flat = {k for k in range(3) if request.counts[k] == 1}
@@ -281,7 +242,7 @@ def _box(request: GridRequest, target: TaskTarget, reach: Reach, points: Array) 
     if target.kind == "region":
         return target.lower, target.upper
     if target.kind == "point":
-        half = _rounded(_POSITION_MARGIN * reach.radius)
+        half = _rounded(0.3 * reach.radius)
         return target.lower - half, target.lower + half
     step = _step(reach.radius / 2)
     return step * np.floor(points.min(axis=0) / step + 1e-6), step * np.ceil(points.max(axis=0) / step - 1e-6)
@@ -304,11 +265,7 @@ def _step(length: float) -> float:
 
 
 def _counts(request: GridRequest, axes: Array, widths: Array) -> tuple[int, int, int]:
-    """How many values of u, v, w: those that were asked for, in the order of the axes, else suitable ones.
-
-    Raises:
-        InputError: several values along an axis in which the box has no width.
-    """
+    """Counts of u, v, w."""
     if request.counts is None:
         return _suitable(widths)
     whole = (
@@ -322,12 +279,8 @@ def _counts(request: GridRequest, axes: Array, widths: Array) -> tuple[int, int,
 
 
 def _suitable(widths: Array) -> tuple[int, int, int]:
-    """Square cells in the plane and one layer; along a line that lies across the plane, all of them there."""
     longer = float(max(widths[:2]))
     if longer <= 0:
         return 1, 1, _LONGER_SIDE_TARGETS
-    u, v = (
-        max(round((_LONGER_SIDE_TARGETS - 1) * w / longer / 2) * 2 + 1, _MIN_SIDE_TARGETS) if w > 0 else 1
-        for w in widths[:2]
-    )
+    u, v = (max(round((_LONGER_SIDE_TARGETS - 1) * w / longer / 2) * 2 + 1, 5) if w > 0 else 1 for w in widths[:2])
     return u, v, 1

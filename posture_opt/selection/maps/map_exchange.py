@@ -73,21 +73,14 @@ def worked_on(
     indices: Iterable[int],
     item: Callable[[Sequence[int]], T],
 ) -> Iterator[tuple[int, R]]:
-    """Each of some targets with its row of what the part returns for its chunk, as they are done.
-
-    Args:
-        part: ``part(engine, item)`` returns a row for each target of the chunk.
-        item: what is sent with a chunk of targets, all of one engine.
-    """
+    """Targets with their rows of ``part(engine, item)``, chunk by chunk, as they are done."""
     for engine, mine in by_engine(engines, indices):
         chunks = chunks_of(mine)
         for k, rows in workers.run(part, engine, Items(chunks, item)):
             yield from zip(chunks[k], rows, strict=True)
 
 
-MIN_BENDS_SEEN = 60  # bends, from which on a posture falls short of its optimum by at most twice the largest of them
 FIRST_TARGETS = 8 * CHUNK  # targets that are tried before that is asked for the first time
-SAME_START = 0.1  # rad or m: a start so near to an optimum leads to it
 
 Starts = dict[int, list[tuple[int, Array]]]
 """Target -> neighbours with their postures, joint 1 moved."""
@@ -95,28 +88,19 @@ Starts = dict[int, list[tuple[int, Array]]]
 
 @dataclass(frozen=True)
 class NeighbourExchange:
-    """Targets with the engines that solve them; ``candidates`` are the best ones known, replaced in place.
+    """Targets with the engines that solve them; ``candidates`` are the best ones known, replaced in place."""
 
-    Args:
-        engines: N, one for each of ``targets``; many share one.
-        neighbourhood: which targets try each other's postures, and how a posture is carried from one to another.
-        workers: who works on the chunks; the answer does not depend on it.
-        seed: of perturbed starts, together with round and target.
-        candidates: N, the best known.
-        tried: the postures of neighbours that the solver began with at each target.
-        lost: those of them that ended at a worse optimum.
-        bends: how far carried postures fell short of their optimum, over the squared distance: what others may
-            promise.
-    """
-
-    engines: Sequence[Engine]
+    engines: Sequence[Engine]  # N, one for each of targets; many share one
     targets: Sequence[TaskTarget]
+    # which targets try each other's postures, and how a posture is carried from one to another
     neighbourhood: Neighbourhood
-    workers: Workers
-    seed: int
-    candidates: list[MapCandidate]
+    workers: Workers  # who works on the chunks; the answer does not depend on it
+    seed: int  # of perturbed starts, together with round and target
+    candidates: list[MapCandidate]  # N, the best known
+    # the postures of neighbours that the solver began with at each target
     tried: dict[int, list[Array]] = field(default_factory=dict)
-    lost: dict[int, list[Array]] = field(default_factory=dict)
+    lost: dict[int, list[Array]] = field(default_factory=dict)  # those of them that ended at a worse optimum
+    # how far carried postures fell short of their optimum, over the squared distance: what others may promise
     bends: list[float] = field(default_factory=list)
 
     def spread(self, fresh: set[int]) -> None:
@@ -128,9 +112,7 @@ class NeighbourExchange:
             rounds += 1
 
     def excess(self) -> Array:
-        """By what share the objective of each target is above what its neighbours predict, (N,); −inf where nothing
-        does.
-        """
+        """(N,) share of each objective above the neighbours' prediction; −inf without one."""
         best = [(c.best.objective * c.scale) if c.best is not None else math.nan for c in self.candidates]
         return self.neighbourhood.excess(np.array(best))
 
@@ -142,8 +124,8 @@ class NeighbourExchange:
         return self._try_all(order[:FIRST_TARGETS], starts) | self._try_all(order[FIRST_TARGETS:], starts)
 
     def _try_all(self, indices: Sequence[int], starts: Starts) -> set[int]:
-        """Polish neighbours' postures at these targets; those that became better."""
-        bend = min(BEND, 2 * max(self.bends)) if len(self.bends) >= MIN_BENDS_SEEN else BEND
+        # from so many on, twice the largest bounds what a posture falls short
+        bend = min(BEND, 2 * max(self.bends)) if len(self.bends) >= 60 else BEND
 
         def item(chunk: Sequence[int]) -> list[NeighbourStarts]:
             return [self._beside(k, starts[k], tried=self.tried.get(k, ()), bend=bend) for k in chunk]
@@ -174,10 +156,7 @@ class NeighbourExchange:
         return found
 
     def agree(self) -> None:
-        """Of equally good postures take the one of the neighbour: a map is read more easily, and an arm moves less.
-
-        From the best candidate outwards, each target once (breadth first).
-        """
+        """Take neighbours' postures that are as good, from the best target outwards, breadth first."""
         known = {k: candidate.best for k, candidate in enumerate(self.candidates) if candidate.best is not None}
         followers: dict[int, list[int]] = {}
         for here, there in self.neighbourhood.on_grid:
@@ -194,7 +173,6 @@ class NeighbourExchange:
                 front = list(pairs)
 
     def _take_over(self, pairs: dict[int, int]) -> None:
-        """At each first target the posture of the second one, where it is another one and as good."""
         if not pairs:
             return
         here, there = np.array(list(pairs)), np.array(list(pairs.values()))
@@ -210,12 +188,7 @@ class NeighbourExchange:
             self.candidates[k] = MapCandidate.unpacked(row)
 
     def _starts(self, fresh: set[int], pairs: Sequence[Pairs], *, others: bool = False, empty: bool = False) -> Starts:
-        """Of each target the neighbours that are ``fresh``, with their postures, joint 1 moved: those of its engine.
-
-        Args:
-            others: only postures that can lead to another one than that of the target.
-            empty: only targets without a posture.
-        """
+        """Neighbours among ``fresh`` and their postures, joint 1 moved, by target."""
         best = [candidate.best for candidate in self.candidates]
         new = np.array([k in fresh and one is not None for k, one in enumerate(best)])
         nothing = np.full(self.engines[0].robot.n, np.nan)
@@ -242,12 +215,10 @@ class NeighbourExchange:
     @staticmethod
     def _apart(Q: Array, moved: Array) -> Any:
         """(M,) whether a posture can lead to anything but the one that its target has, if any."""
-        return ~(np.max(np.abs(Q - moved), axis=1, initial=0.0) < SAME_START)
+        # rad or m: a start so near to an optimum leads to it
+        return ~(np.max(np.abs(Q - moved), axis=1, initial=0.0) < 0.1)
 
     def _beside(self, k: int, starts: Sequence[tuple[int, Array]], **more: Any) -> NeighbourStarts:
-        """What target k needs to try postures of its neighbours, with the squared distance of each over that of the
-        reach.
-        """
         reach = self.engines[k].optimisation_problem.reach.radius
         squares = [(self.neighbourhood.distance(j, k) / reach) ** 2 for j, _ in starts]
         return NeighbourStarts(self.targets[k], self.candidates[k], np.array([q for _, q in starts]), squares, **more)

@@ -28,18 +28,12 @@ MapStatus = Literal["feasible", "not reached", "requirement not met"]
 
 @dataclass(frozen=True)
 class MapCandidate:
-    """What was found for one target of a map.
+    """What was found for one target of a map."""
 
-    Args:
-        status: ``feasible``; ``not reached``: no start arrived; ``requirement not met``: some arrived, but collide or
-            miss a term.
-        best: the best posture, None where there is none.
-        scale: variance [m²] that its objective is divided by; NaN where no start arrived.
-    """
-
+    # feasible; not reached: no start arrived; requirement not met: some arrived, but collide or miss a term
     status: MapStatus
-    best: CandidatePosture | None
-    scale: float
+    best: CandidatePosture | None  # the best posture, None where there is none
+    scale: float  # variance [m²] that its objective is divided by; NaN where no start arrived
 
     def packed(self) -> PackedRow:
         """Numbers and text, to be sent to another process or written to a checkpoint."""
@@ -62,24 +56,14 @@ class MapCandidate:
         return cls(status, CandidatePosture(np.array(best[0]), *best[1:]) if best else None, scale)
 
 
-NEGLIGIBLE_BIAS = 0.01  # of σ: a smaller shift of the mean moves a radius by 1e-4 of it
-
-
 @dataclass(frozen=True)
 class NeighbourSolves:
-    """What targets learnt from postures of their neighbours.
+    """What targets learnt from postures of their neighbours."""
 
-    Args:
-        again: targets with a posture that were solved again, because a neighbour's was another one or they stood out.
-        better: those of them that became better by it.
-        most: the largest share of σ that one gained.
-        found: targets that had no posture before.
-    """
-
-    again: int
-    better: int
-    most: float
-    found: int
+    again: int  # targets with a posture that were solved again, because a neighbour's was another one or they stood out
+    better: int  # those of them that became better by it
+    most: float  # the largest share of σ that one gained
+    found: int  # targets that had no posture before
 
     def to_json(self) -> dict[str, Json]:
         """The numbers as they are."""
@@ -88,33 +72,20 @@ class NeighbourSolves:
 
 @dataclass(frozen=True, eq=False)
 class MapPoint:
-    """One target with the best posture there; numbers are NaN where there is none.
+    """One target with the best posture there; numbers are NaN where there is none."""
 
-    Args:
-        position: (3,) the target [m], world.
-        status: ``feasible``, ``not reached``, or ``requirement not met``.
-        optimal: whether the solver confirmed the posture.
-        q: (n,) [rad or m].
-        covariance: (3, 3) of the tool point [m²], world.
-        bias: (3,) mean minus nominal tool point [m].
-        sigma_max: largest standard deviation of the part of the spread that counts [m].
-        sigma_along: along the direction [m].
-        radius95: distance from the target that 95 % of all tool points stay within, in the part that counts [m].
-        success_probability: to stay within the clearance; NaN without one.
-        blocked_by: where there is no posture that keeps clear, what the best of the others meets: an obstacle's name or
-            ``self-collision``; else empty.
-    """
-
-    position: Array
-    status: MapStatus
-    optimal: bool
-    q: Array
-    covariance: Array
-    bias: Array
-    sigma_max: float
-    sigma_along: float
-    radius95: float
-    success_probability: float
+    position: Array  # (3,) the target [m], world
+    status: MapStatus  # feasible, not reached, or requirement not met
+    optimal: bool  # whether the solver confirmed the posture
+    q: Array  # (n,) [rad or m]
+    covariance: Array  # (3, 3) of the tool point [m²], world
+    bias: Array  # (3,) mean minus nominal tool point [m]
+    sigma_max: float  # largest standard deviation of the part of the spread that counts [m]
+    sigma_along: float  # along the direction [m]
+    radius95: float  # distance from the target that 95 % of all tool points stay within, in the part that counts [m]
+    success_probability: float  # to stay within the clearance; NaN without one
+    # where there is no posture that keeps clear, what the best of the others meets: an obstacle's name or self-
+    # collision; else empty
     blocked_by: str = ""
 
     @property
@@ -166,14 +137,7 @@ def packed_points(engine: Engine, item: tuple[Sequence[TaskTarget], Sequence[Map
 def map_points_of(
     problem: OptimisationProblem, targets: Sequence[TaskTarget], candidates: Sequence[MapCandidate]
 ) -> list[MapPoint]:
-    """Moments of all postures in one evaluation, and what the task makes of them.
-
-    ``σ² = λ_max(Bᵀ C B)`` with the basis B (3, m) of the part that counts; the 95 % radius is about the target, with
-    the bias where it exceeds 1 % of σ.
-
-    Args:
-        targets: N points; ``candidates`` what was found at each.
-    """
+    """``σ² = λ_max(Bᵀ C B)``, basis B (3, m); 95 % radii about the target, biased where the bias exceeds 1 % of σ."""
     B, d = critical_basis(problem, targets[0]), targets[0].direction
     found = [k for k, candidate in enumerate(candidates) if candidate.best is not None]
     nothing = np.full(problem.robot.n, np.nan)
@@ -195,7 +159,7 @@ def map_points_of(
         i = row[k]
         b, sigma = B.T @ bias[i], float(moments.sigma[i])
         radius = float(central[i])
-        if float(np.linalg.norm(b)) > NEGLIGIBLE_BIAS * sigma:
+        if float(np.linalg.norm(b)) > 0.01 * sigma:  # a smaller shift moves the radius by 1e-4 of it
             radius = coverage_radius(0.95, own[i], b)
         hit = success_with_peg(problem, Q[i], B, target)
         hit = within_clearance(own[i], target.clearance, b) if hit is None else hit
@@ -208,6 +172,5 @@ def map_points_of(
 
 
 def _empty(target: TaskTarget, status: MapStatus, q: Array) -> MapPoint:
-    """The point of a target without a posture: NaN in place of numbers."""
     nan = math.nan
     return MapPoint(target.lower, status, False, q, np.full((3, 3), nan), np.full(3, nan), nan, nan, nan, nan)

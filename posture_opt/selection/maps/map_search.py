@@ -21,29 +21,19 @@ from posture_opt.selection.search.search_outcome import is_clear
 from posture_opt.workers import Workers
 from posture_opt.workers.record_pattern import recorded
 
-OUTLIER_EXCESS = 2e-3  # of the objective: a target so much above what its neighbours predict is an outlier
-MAX_OUTLIER_SHARE = 0.03  # of the targets: how many of them are searched again
-
 
 def outlying_targets(exchange: NeighbourExchange, searched: set[int]) -> list[int]:
-    """Targets that are worse than their neighbours predict, the worst first, as many as are still worth a search.
-
-    At most 3 % of the targets in all, half of what is left of them in each round.
-    """
+    """Targets above their neighbours' prediction, worst first: half of those left of 3 % of all."""
     excess = exchange.excess()
-    left = math.ceil(MAX_OUTLIER_SHARE * len(excess)) - len(searched)
-    odd = [int(k) for k in np.argsort(-excess, kind="stable") if excess[k] > OUTLIER_EXCESS and int(k) not in searched]
+    left = math.ceil(0.03 * len(excess)) - len(searched)
+    odd = [int(k) for k in np.argsort(-excess, kind="stable") if excess[k] > 2e-3 and int(k) not in searched]
     return odd[: min(max(left, 0), math.ceil(left / 2))]
 
 
 def targets_to_search_again(
     candidates: Sequence[MapCandidate], neighbourhood: Neighbourhood, share: float, seed: int
 ) -> list[int]:
-    """A share of the targets, from which rare branches spread; and all that few random starts arrive at.
-
-    These are where reach begins or ends, and where no start met the requirements. Where no start reached any target,
-    all of them.
-    """
+    """A share of all targets, those at the edge of the reach, and those that miss a requirement."""
     reached = np.array([candidate.status != "not reached" for candidate in candidates])
     if not reached.any():
         return list(range(len(candidates)))
@@ -58,10 +48,8 @@ FIRST_EFFORT: Effort = (48, 48, 48)  # of every target of a small map
 FINE_EFFORT: Effort = (24, 24, 24)
 # Of every target of a larger one, where neighbours know more of each other: of seven arms
 # at 26 x 26 targets 3 of 4732 fell short of the best known by 0.5 % with either; at 10 x 9, one of a Panda's 90 more
-SMALL_MAP_TARGETS = 256  # targets: up to here a map is small
 SECOND_EFFORT: Effort = (144, 144, 144)  # of those at the edge of the reach, and of a share of the others
 THIRD_EFFORT: Effort = (96, 288, 288)  # of outliers
-SEARCHED_AGAIN_SHARE = 0.05  # of the targets, where any way is left free
 Effort = tuple[int, int, int]
 """Random starts of a target where 0, 1, or more ways are left free."""
 
@@ -75,18 +63,7 @@ def best_candidates(
     seed: int,
     progress: Progress | None = None,
 ) -> tuple[list[MapCandidate], NeighbourSolves]:
-    """The best candidate of every target (N of them, points), each with the engine that solves it.
-
-    Steps: random starts for all targets; more starts at the edge of the reach and for a share of the others; exchange
-    of postures between neighbours; many starts for outliers, and exchange again; agreement on equal postures.
-
-    Args:
-        engines: N, one for each target; many share one.
-        neighbourhood: which targets try each other's postures.
-        workers: who works on the chunks; the answer does not depend on it.
-        seed: of the random starts.
-        progress: called with (done, total) targets of the first search, which is the larger part.
-    """
+    """Random starts, more at the edge of the reach, exchange with neighbours, outliers again, agreement."""
     candidates: list[MapCandidate] = [MapCandidate("not reached", None, math.nan)] * len(targets)
 
     def explored(indices: Iterable[int], effort: Effort) -> Iterator[tuple[int, MapCandidate]]:
@@ -97,12 +74,12 @@ def best_candidates(
         for k, row in worked_on(workers, explore, engines, indices, item):
             yield k, MapCandidate.unpacked(row)
 
-    first = FIRST_EFFORT if len(targets) <= SMALL_MAP_TARGETS else FINE_EFFORT
+    first = FIRST_EFFORT if len(targets) <= 256 else FINE_EFFORT
     for done, (k, candidate) in enumerate(explored(range(len(targets)), first), start=1):
         candidates[k] = candidate
         if progress is not None:
             progress(done, len(targets))
-    share = SEARCHED_AGAIN_SHARE if freedom(engines[0], targets[0]) > 0 else 0.0
+    share = 0.05 if freedom(engines[0], targets[0]) > 0 else 0.0
     for k, candidate in explored(targets_to_search_again(candidates, neighbourhood, share, seed), SECOND_EFFORT):
         candidates[k] = candidate
     alone = [candidate.best for candidate in candidates]
@@ -135,27 +112,18 @@ def _statistics(
 
 @dataclass(frozen=True)
 class Exploration:
-    """What is to be explored.
+    """What is to be explored."""
 
-    Args:
-        targets: with one engine.
-        indices: seed them, each target by its own.
-        known: what was found for them before.
-    """
-
-    targets: Sequence[TaskTarget]
-    indices: Sequence[int]
-    known: Sequence[MapCandidate]
+    targets: Sequence[TaskTarget]  # with one engine
+    indices: Sequence[int]  # seed them, each target by its own
+    known: Sequence[MapCandidate]  # what was found for them before
     effort: Effort
     seed: int
 
 
 @recorded(lambda engine, item: (MapCandidate.pattern(engine.optimisation_problem.robot.n),) * len(item.targets))
 def explore(engine: Engine, item: Exploration) -> list[list[Any]]:
-    """The packed candidate of every target, by random starts, or the known one where that is better.
-
-    The starts of a target depend on the seed, their number and its index alone, not on the chunk that it is in.
-    """
+    """Packed candidates by random starts, each seeded by its own index, whatever its chunk."""
     targets, candidates = item.targets, list(item.known)
     open_ = [k for k in range(len(targets)) if not out_of_plane(engine, targets[k])]
     if open_:
@@ -171,7 +139,6 @@ def explore(engine: Engine, item: Exploration) -> list[list[Any]]:
 
 
 SELF_COLLISION = "self-collision"
-POSTURES_PER_CHUNK = 256  # postures that are looked at together
 
 
 def clear_candidates(
@@ -185,15 +152,7 @@ def clear_candidates(
     seed: int,
     progress: Progress | None = None,
 ) -> list[MapCandidate]:
-    """The candidates of the targets, those replaced that collide; the others are the best of all and stay.
-
-    Args:
-        guarded: the engine that keeps clear, for a target.
-        pairs: targets that try each other's postures.
-        workers: who works on the chunks; the answer does not depend on it.
-        seed: of the random starts.
-        progress: called with (done, total) of the targets that are solved again.
-    """
+    """Candidates, colliding ones solved again with rows that keep clear."""
     again = colliding(scene, candidates, workers)
     found = list(candidates)
     if not again:
@@ -210,14 +169,11 @@ def clear_candidates(
 
 
 def colliding(scene: Scene, candidates: Sequence[MapCandidate], workers: Workers) -> list[int]:
-    """Indices of the candidates with a posture that comes nearer to something than the margin of the scene.
-
-    Distances are computed in chunks of 256 postures by the workers; none without an active scene.
-    """
+    """Candidates that come nearer to something than the scene's margin."""
     held = [k for k, candidate in enumerate(candidates) if candidate.best is not None]
     if not held or not scene.active:
         return []
-    chunks = [held[i : i + POSTURES_PER_CHUNK] for i in range(0, len(held), POSTURES_PER_CHUNK)]
+    chunks = [held[i : i + 256] for i in range(0, len(held), 256)]
     postures = [np.array([best.q for k in chunk if (best := candidates[k].best) is not None]) for chunk in chunks]
     clear = workers.in_order(_clear, scene, postures)
     return [
@@ -238,11 +194,7 @@ def in_the_way(scene: Scene, q: Array) -> str:
 
 
 def among(pairs: Sequence[Pairs], chosen: Sequence[int]) -> list[Pairs]:
-    """The pairs of targets that are both chosen, numbered by their places among the chosen ones.
-
-    >>> [(a.tolist(), b.tolist()) for a, b in among([(np.array([0, 4]), np.array([4, 2]))], [4, 2])]
-    [([0], [1])]
-    """
+    """Pairs of targets that are both chosen, renumbered by their places among the chosen."""
     most = max((int(max(here.max(initial=0), there.max(initial=0))) for here, there in pairs), default=0)
     place = np.full(max(most, *chosen) + 1, -1)
     place[list(chosen)] = np.arange(len(chosen))

@@ -16,8 +16,6 @@ from posture_opt.selection.search.engine import CandidatePosture, Engine
 from posture_opt.selection.search.multistart import distinct, local_optima, rank
 from posture_opt.workers.record_pattern import FINITE, Pattern, recorded
 
-NEAR_POSTURE_STEP = 0.3  # rad or m: postures nearer to each other than this mostly end at the same optimum
-
 
 def out_of_plane(engine: Engine, target: TaskTarget) -> bool:
     """Whether a target lies outside of the plane, or line, that the tool point cannot leave."""
@@ -25,9 +23,7 @@ def out_of_plane(engine: Engine, target: TaskTarget) -> bool:
 
 
 def freedom(engine: Engine, target: TaskTarget) -> int:
-    """Degrees of freedom that a task at a point leaves, joints left out that change nothing; below zero where it is
-    bound twice.
-    """
+    """Degrees of freedom that a task at a point leaves; below zero where it is bound twice."""
     problem = engine.optimisation_problem
     held = int(problem.reach.directions.shape[1]) + (0 if target.tilt > 0 else problem.axis_rows)
     return engine.robot.n - held - len(problem.nlp.indifferent)
@@ -42,10 +38,7 @@ def best_among(engine: Engine, target: TaskTarget, Q: Array) -> MapCandidate:
 
 
 def better_of(engine: Engine, target: TaskTarget, first: MapCandidate, second: MapCandidate) -> MapCandidate:
-    """Which of two candidates of one target is better; a tie goes to the first one.
-
-    Their objectives have scales of their own: the second is evaluated again in that of the first.
-    """
+    """The better candidate of one target, the first in a tie, both in the scale of the first."""
     if second.best is None or first.best is None:
         return second if first.best is None and second.status != "not reached" else first
     same = engine.candidates(second.best.q[None], replace(target, scale=first.scale))[0]
@@ -57,17 +50,14 @@ def better_of(engine: Engine, target: TaskTarget, first: MapCandidate, second: M
 
 
 def is_near(engine: Engine, q: Array, known: Sequence[Array]) -> bool:
-    """Whether one of some postures (n,) is the same but for less than 0.3 rad (or m) in every joint that matters.
-
-    Whole turns make no difference.
-    """
+    """Whether a known posture is within 0.3 rad or m in every joint that matters, whole turns aside."""
     if not len(known):
         return False
     away = np.abs(np.array(known) - q)
     revolute = np.array([joint.type == "revolute" for joint in engine.robot.joints])
     away = np.where(revolute, np.minimum(away % (2 * np.pi), 2 * np.pi - away % (2 * np.pi)), away)
     away[:, list(engine.optimisation_problem.nlp.indifferent)] = 0.0
-    return bool(np.min(np.max(away, axis=1)) < NEAR_POSTURE_STEP)
+    return bool(np.min(np.max(away, axis=1)) < 0.3)  # mostly one optimum
 
 
 BETTER = 1e-4
@@ -76,53 +66,31 @@ BEND = 40.0
 """Of the objective, over (distance / reach)²: what a posture led so far falls short of its optimum, unless fewer is
 known."""
 
-STARTS_AROUND_NEIGHBOUR = 24  # starts about each neighbour's posture, for a target without one
-PERTURBATION = 0.2  # rad, or of a slide's stroke: how far from it
-WORTH_POLISHING = (
-    0.25  # of the objective: a neighbour's posture that lies so far above the best one known is not polished
-)
-EQUALLY_GOOD = 0.05  # of the objective: the same, where it can be no more than equally good
-TURNED_SQUARE = 1e-4  # (distance / reach)²: below it a posture was turned rather than led
-MAX_UNPROMISING_TRIALS = 1  # polished of a target in all that do not promise to be better as they are
-MAX_TRIALS_AT_ONCE = 4  # polished of a target at once
-
 
 @dataclass(frozen=True)
 class NeighbourStarts:
-    """A target and the postures of its neighbours.
+    """A target and the postures of its neighbours."""
 
-    Args:
-        target, candidate: with the best posture known there.
-        starts: (M, n) postures of neighbours [rad or m], joint 1 moved.
-        squares: (M,) of the distance that each is led over, as a part of the reach.
-        tried: postures of neighbours that the solver began with before; or, for `take_over`, those that ended at a
-            worse optimum.
-        bend: of the objective, over a square: what a posture led so far may fall short of its optimum.
-        seed: of the random perturbations of the starts.
-    """
-
-    target: TaskTarget
+    target: TaskTarget  # target, candidate: with the best posture known there
     candidate: MapCandidate
-    starts: Array
-    squares: Sequence[float] = ()
+    starts: Array  # (M, n) postures of neighbours [rad or m], joint 1 moved
+    squares: Sequence[float] = ()  # (M,) of the distance that each is led over, as a part of the reach
+    # postures of neighbours that the solver began with before; or, for `take_over`, those that ended at a worse
+    # optimum
     tried: Sequence[Array] = ()
-    bend: float = BEND
-    seed: tuple[int, ...] = ()
+    bend: float = BEND  # of the objective, over a square: what a posture led so far may fall short of its optimum
+    seed: tuple[int, ...] = ()  # of the random perturbations of the starts
 
 
 @dataclass
 class Trial:
-    """What comes of the trials at one target.
+    """What comes of the trials at one target."""
 
-    Args:
-        candidate: the best one now; ``better`` says whether it changed.
-        tried: postures (n,) that were polished; ``lost`` those that ended at a worse optimum.
-        bends: what each gained by polishing, over the squared distance that it was led.
-    """
-
-    candidate: MapCandidate
+    candidate: MapCandidate  # the best one now; better says whether it changed
+    # postures (n,) that were polished; lost those that ended at a worse optimum
     tried: list[Array] = field(default_factory=list)
     lost: list[Array] = field(default_factory=list)
+    # what each gained by polishing, over the squared distance that it was led
     bends: list[float] = field(default_factory=list)
     better: bool = False
 
@@ -147,7 +115,6 @@ class Trial:
 
 
 def _candidates(engine: Engine, items: Sequence[NeighbourStarts]) -> Pattern:
-    """The pattern of a packed candidate for every target."""
     return (MapCandidate.pattern(engine.optimisation_problem.robot.n),) * len(items)
 
 
@@ -179,18 +146,11 @@ def take_over(engine: Engine, items: Sequence[NeighbourStarts]) -> list[PackedRo
 
 
 def gain(posture: CandidatePosture, known: CandidatePosture) -> float:
-    """By what share of the objective a posture is better than the known one; negative where it is worse.
-
-    ``(f_known − f) / |f_known|``; both objectives have one scale.
-    """
+    """``(f_known − f) / |f_known|``, both in one scale."""
     return (known.objective - posture.objective) / max(abs(known.objective), 1e-9)
 
 
 def _carried_over(engine: Engine, items: Sequence[NeighbourStarts]) -> list[list[tuple[CandidatePosture, float]]]:
-    """For each target the postures that arrive there, with their squares.
-
-    Where a tilt is allowed, each is led with and without its own.
-    """
     led: list[list[tuple[CandidatePosture, float]]] = [[] for _ in items]
     pairs = [(i, start) for i, item in enumerate(items) for start in range(len(item.starts))]
     if not pairs:
@@ -211,15 +171,15 @@ def _carried_over(engine: Engine, items: Sequence[NeighbourStarts]) -> list[list
 
 
 def _tried(engine: Engine, item: NeighbourStarts, led: Sequence[tuple[CandidatePosture, float]]) -> Trial:
-    """Polish those postures that may become the best one of a target, best first."""
     trial = Trial(item.candidate, list(item.tried))
     bend = item.bend if freedom(engine, item.target) > 0 else 0.0
     ordered = sorted(led, key=lambda one: rank(one[0]))
-    for posture, square in islice(_worth_trying(engine, trial, ordered, bend), MAX_TRIALS_AT_ONCE):
+    for posture, square in islice(_worth_trying(engine, trial, ordered, bend), 4):
         own = trial.candidate.best
         won = _try(engine, item.target, trial, posture)
         if own is not None and math.isfinite(won):
-            trial.bends.append((won - gain(posture, own)) / max(square, TURNED_SQUARE))
+            # below it a posture was turned rather than led
+            trial.bends.append((won - gain(posture, own)) / max(square, 1e-4))
         trial.better |= won > BETTER
     return trial
 
@@ -227,25 +187,19 @@ def _tried(engine: Engine, item: NeighbourStarts, led: Sequence[tuple[CandidateP
 def _worth_trying(
     engine: Engine, trial: Trial, led: Sequence[tuple[CandidatePosture, float]], bend: float
 ) -> Iterable[tuple[CandidatePosture, float]]:
-    """The postures that may win, decided one by one, as better ones are found.
-
-    A posture that was led over a distance falls short of its optimum by about the square of it: what it may still gain
-    is the bend times that.
-    """
     for posture, square in led:
         own = trial.candidate.best
         if own is None:
             yield posture, square
             continue
-        won, short = gain(posture, own), min(bend * square, WORTH_POLISHING)
-        other = won + short > BETTER and len(trial.tried) < MAX_UNPROMISING_TRIALS
+        won, short = gain(posture, own), min(bend * square, 0.25)
+        other = won + short > BETTER and len(trial.tried) < 1
         other = other and not is_near(engine, posture.q, [own.q, *trial.tried])
         if posture.feasible and (won > BETTER or other):
             yield posture, square
 
 
 def _try(engine: Engine, target: TaskTarget, trial: Trial, posture: CandidatePosture) -> float:
-    """Polish a posture and keep it where it is better; what that gains, as a share."""
     known, scale = trial.candidate.best, trial.candidate.scale
     if math.isnan(scale):  # no start had reached this target
         scale = engine.scale_of(np.asarray(engine.screen(posture.q[None], target.parameters)[2][:, 0]))
@@ -261,13 +215,12 @@ def _try(engine: Engine, target: TaskTarget, trial: Trial, posture: CandidatePos
 
 
 def _agreed(engine: Engine, item: NeighbourStarts, led: Sequence[tuple[CandidatePosture, float]]) -> MapCandidate:
-    """The candidate of a target, or the posture of a neighbour that is as good and another one."""
     candidate = item.candidate
     for posture, _ in led:
         own = candidate.best
         assert own is not None
         alike = len(distinct(np.array([own.q, posture.q]), engine.robot)) == 1
-        if alike or gain(posture, own) < -EQUALLY_GOOD or is_near(engine, posture.q, item.tried):
+        if alike or gain(posture, own) < -0.05 or is_near(engine, posture.q, item.tried):
             continue
         end = engine.polished(posture, replace(item.target, scale=candidate.scale))
         if end.feasible and (end.optimal or not own.optimal) and gain(end, own) > -BETTER:
@@ -276,7 +229,6 @@ def _agreed(engine: Engine, item: NeighbourStarts, led: Sequence[tuple[Candidate
 
 
 def _known_scale(candidate: MapCandidate) -> float:
-    """The scale of a candidate; one where none is known yet."""
     return 1.0 if math.isnan(candidate.scale) else candidate.scale
 
 
@@ -285,5 +237,5 @@ def _about(engine: Engine, q: Array, rng: np.random.Generator) -> Array:
     robot = engine.robot
     lower, upper = np.array(robot.lower), np.array(robot.upper)
     slides = np.array([joint.type == "prismatic" for joint in robot.joints])
-    stray = PERTURBATION * np.where(slides, upper - lower, 1.0)
-    return np.asarray(np.clip(q + stray * rng.normal(size=(STARTS_AROUND_NEIGHBOUR, len(q))), lower, upper))
+    stray = 0.2 * np.where(slides, upper - lower, 1.0)  # rad, or share of a slide's stroke
+    return np.asarray(np.clip(q + stray * rng.normal(size=(24, len(q))), lower, upper))

@@ -56,7 +56,6 @@ def map_statements(found: TargetMap) -> tuple[Statement, ...]:
 
 
 def _own(best: MapPoint, own: MapPoint) -> Statement:
-    """What moving the workpiece from the position in the problem to the best target gains."""
     if not own.feasible:
         return state("selection.own-target-infeasible")
     gain = 1 - best.sigma_max / own.sigma_max if own.sigma_max > 0 else 0.0
@@ -73,14 +72,7 @@ def confirmed_cells(
     named: Iterable[int],
     scene: Scene,
 ) -> tuple[dict[int, MapCandidate], Confirmation | None]:
-    """The better candidates that the solver found, by number, and what it says of all that were asked about.
-
-    Args:
-        engine_of: the functions that solve a target, without or with rows that keep the arm clear.
-        targets, candidates: N of the map.
-        named: the numbers of those that reports name.
-        scene: what the arm keeps clear of.
-    """
+    """Better candidates by number after IPOPT started at the named ones, and its word on all of them."""
     better: dict[int, MapCandidate] = {}
     every: list[Confirmation | None] = []
     for k in dict.fromkeys(named):
@@ -97,15 +89,10 @@ def confirmed_cells(
 def _confirmed(
     engine_of: Callable[[TaskTarget, bool], Engine], target: TaskTarget, given: CandidatePosture, scene: Scene
 ) -> tuple[CandidatePosture, Confirmation | None]:
-    """One of them; with rows that keep the arm clear where the solver goes elsewhere without."""
     (best, *_), said = confirmed_posture(engine_of(target, False), [given], target, scene)
     if said is not None and said.differs and not said.taken and scene.active:
         (best, *_), said = confirmed_posture(engine_of(target, True), [given], target, scene)
     return best, said
-
-
-WORKSPACE_SAMPLES = 4000  # tool points that show how far the workspace goes
-TIE_TOLERANCE = 1e-6  # of σ: differences below it do not make one target better than another
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -180,11 +167,8 @@ class TargetMap(Result):
         return self._extreme(-1)
 
     def _extreme(self, sign: int) -> int:
-        """Index of the least (sign 1) or largest (−1) spread; of equal ones the target nearest to the middle of the
-        map.
-        """
         values = np.where(self.feasible, sign * self.sigma, np.inf)
-        ties = np.flatnonzero(values <= values.min() + TIE_TOLERANCE * abs(values.min()))
+        ties = np.flatnonzero(values <= values.min() + 1e-6 * abs(values.min()))  # of σ
         # Of equal targets the one nearest to the middle of the map.
         away = np.linalg.norm(self.grid.points[ties] - self.grid.points.mean(axis=0), axis=1)
         return int(ties[np.argmin(np.round(away, 9))])
@@ -265,11 +249,6 @@ def _mapped(
     problem: ProblemData, request: GridRequest, pool: Workers, seed: int, progress: Progress | None,
     compiled: bool | None,
 ) -> TargetMap:  # fmt: skip
-    """The map of a problem, by the workers.
-
-    Raises:
-        NoSolutionError: no target of the grid has a posture.
-    """
     began = time.perf_counter()
     selector = PostureSelector(problem, compiled=compiled)
     grid = _grid(problem, selector, request)
@@ -319,7 +298,6 @@ def _mapped(
 
 
 def _parts(progress: Progress | None, count: int, cell: bool) -> list[Progress | None]:
-    """The progress of the three parts of a map, as steps of the whole: about as many as each takes time."""
     ends = np.cumsum([0, count, 4 * count if cell else 0, count // 3]).tolist()
 
     def part(begin: int, end: int) -> Progress | None:
@@ -337,7 +315,6 @@ def _points(
     candidates: Sequence[MapCandidate],
     progress: Progress | None,
 ) -> list[MapPoint]:
-    """A map point for every target, computed by the workers in chunks of targets."""
     found: dict[int, MapPoint] = {}
 
     def item(chunk: Sequence[int]) -> tuple[list[TaskTarget], list[MapCandidate]]:
@@ -351,11 +328,10 @@ def _points(
 
 
 def _grid(problem: ProblemData, selector: PostureSelector, request: GridRequest) -> Grid:
-    """The grid that is asked for, else one over the region, about the position, or over the workspace."""
     target, robot = selector.target, problem.robot
     rng = np.random.default_rng(0)
-    Q = rng.uniform(*drawn_between(robot), (WORKSPACE_SAMPLES, robot.n))
-    positions = np.broadcast_to(np.asarray(problem.arm.position(Q), dtype=float), (WORKSPACE_SAMPLES, 3))
+    Q = rng.uniform(*drawn_between(robot), (4000, robot.n))
+    positions = np.broadcast_to(np.asarray(problem.arm.position(Q), dtype=float), (4000, 3))
     best = None
     if target.kind == "anywhere" and request.low is None:
         best = np.asarray(selector.solve().spread.position)
@@ -363,7 +339,6 @@ def _grid(problem: ProblemData, selector: PostureSelector, request: GridRequest)
 
 
 def _narrowed_notes(problem: ProblemData) -> tuple[Statement, ...]:
-    """What the targets lack that a single solve answers: postures beyond the ranges that effects were measured in."""
     if not problem.narrowed:
         return ()
     joints = tuple(dict.fromkeys(found.effect.target for found in problem.arm.measured_ranges))
@@ -371,7 +346,6 @@ def _narrowed_notes(problem: ProblemData) -> tuple[Statement, ...]:
 
 
 def _beside(grid: Grid, count: int, targets: list[TaskTarget]) -> list[tuple[Codes, Codes]]:
-    """The file's own position and the target next to it are neighbours."""
     if count == len(grid.points):
         return []
     nearest = int(np.argmin(np.linalg.norm(grid.points - targets[-1].lower, axis=1)))
@@ -380,7 +354,6 @@ def _beside(grid: Grid, count: int, targets: list[TaskTarget]) -> list[tuple[Cod
 
 
 def _nowhere(map_points: list[MapPoint]) -> str:
-    """Why no target of the grid has a posture, in words."""
     reached = sum(map_point.status == "requirement not met" for map_point in map_points)
     why = f"; {reached} can be reached, but not with all requirements met" if reached else ""
     targets = f"none of the {len(map_points)} targets"

@@ -17,18 +17,11 @@ _LIMIT_TOLERANCE_RAD = 1e-9  # rad: limits a whole turn apart
 
 @dataclass(frozen=True)
 class JointSteps:
-    """The steps of a robot's joints; those that matter to nothing count for nothing.
-
-    A step is the largest change of any joint, a radian of a turning joint and a metre of a slide alike.
-
-    Args:
-        counted: (n,) joints whose steps count.
-        wide: (n,) joints with a whole turn or more between their limits, compared but for whole turns.
-    """
+    """Steps of a robot's joints: the largest change of a joint that counts, 1 rad like 1 m."""
 
     robot: Robot
-    counted: Mask
-    wide: Mask
+    counted: Mask  # (n,) joints whose steps count
+    wide: Mask  # (n,) joints with a whole turn or more between their limits, compared but for whole turns
 
     @classmethod
     def of(cls, robot: Robot, nlp: Nlp) -> JointSteps:
@@ -54,13 +47,7 @@ class JointSteps:
         return np.asarray(np.array(self.robot.upper) - np.array(self.robot.lower))
 
     def between(self, A: Array, B: Array, weights: Array | None = None) -> Array:
-        """(N, M) the largest change of a joint, times its weight, from each posture of A (N, n) to each of B (M, n).
-
-        Of joints that turn more than once, the least over whole turns.
-
-        Args:
-            weights: (n,) of the joints; default: one.
-        """
+        """(N, M) largest weighted change of a joint from A (N, n) to B (M, n), the least over whole turns."""
         largest = np.zeros((len(A), len(B)))
         factors = np.ones(len(self.counted)) if weights is None else weights
         for k in np.flatnonzero(self.counted & (factors > 0)):
@@ -88,16 +75,12 @@ class JointSteps:
         return np.clip(Q, lower, upper) if not np.any(beyond) else Q, np.flatnonzero(beyond)
 
     def along(self, Q: Array) -> Array:
-        """(K − 1,) the largest change of a joint that counts between neighbours of a motion (K, n), without taking off
-        turns.
-        """
+        """(K − 1,) largest change of a joint between neighbours of a motion (K, n)."""
         moved = np.abs(np.diff(Q, axis=0))[:, self.counted]
         return np.asarray(np.max(moved, axis=1, initial=0.0))
 
     def swept(self, Q: Array, listed: Mask) -> Array:
-        """(L − 1,) the largest range that a joint that counts sweeps on a motion (K, n) from one of the L listed points
-        to the next, those between them included; at most the range between its limits.
-        """
+        """(L − 1,) largest range swept by a joint of a motion (K, n) between the L listed points."""
         ends = np.flatnonzero(listed)
         counted = Q[:, self.counted]
         if not counted.shape[1]:
@@ -134,29 +117,19 @@ class JointSteps:
 
 
 _COST_TOLERANCE = 1 + 1e-9  # what is as good as the best
-_MAX_CLOSED_STARTS = 24  # candidates of the first point that ways are tried to come back to, the most promising first
 
 
 @dataclass(frozen=True)
 class StepGraph:
-    """Candidates of K points and the steps between them.
+    """Candidates of K points and the steps between them."""
 
-    Args:
-        postures: K arrays (N_k, n); costs: K arrays (N_k,).
-        distances: K − 1 arrays (N_k, N_{k+1}): the weighted steps between candidates of neighbours.
-    """
-
-    postures: Sequence[Array]
+    postures: Sequence[Array]  # K arrays (N_k, n); costs: K arrays (N_k,)
     costs: Sequence[Array]
-    distances: Sequence[Array]
+    distances: Sequence[Array]  # K − 1 arrays (N_k, N_{k+1}): the weighted steps between candidates of neighbours
 
     @classmethod
     def of(cls, steps: JointSteps, postures: Sequence[Array], costs: Sequence[Array], weights: Array) -> StepGraph:
-        """The graph of some candidates.
-
-        Args:
-            weights: (K − 1, n) by which the steps of each joint count.
-        """
+        """Graph of candidates, steps weighted by (K − 1, n)."""
         pairs = zip(postures, postures[1:], weights, strict=False)
         return cls(postures, costs, [steps.between(A, B, w) for A, B, w in pairs])
 
@@ -170,10 +143,7 @@ class StepGraph:
         return float(np.min(value)), _followed(before, int(np.argmin(value)))
 
     def worst_costs(self, largest: float) -> Array:
-        """(N,) of the candidates of all points: the least possible largest cost of a way through each of them.
-
-        No step is larger than ``largest``; infinite where there is no such way.
-        """
+        """(N,) least largest cost of a way through each candidate of all points, steps up to ``largest``."""
         forth = self._largest_costs(self.costs, [largest * _COST_TOLERANCE >= D for D in self.distances])
         back = self._largest_costs(
             self.costs[::-1], [(largest * _COST_TOLERANCE >= D).T for D in self.distances[::-1]]
@@ -190,12 +160,8 @@ class StepGraph:
         return values
 
     def best_way(self, largest: float, worst: float, through: tuple[int, int] | None = None) -> Codes | None:
-        """The candidates (K,) of least total cost, none costing more than ``worst``; None where there is no way.
-
-        Args:
-            largest: step that is allowed.
-            through: point and candidate of it that the way has to pass.
-        """
+        """(K,) candidates of least total cost, none above ``worst``, ``through`` a (point, candidate); None without a
+        way."""
         costs = [np.where(cost <= worst * _COST_TOLERANCE, cost, np.inf) for cost in self.costs]
         if through is not None:
             point, chosen = through
@@ -221,11 +187,7 @@ class StepGraph:
         return StepGraph(postures, costs, distances)
 
     def closed_of_smallest_step(self) -> StepGraph:
-        """The ways that come back to the candidate at which the least possible largest step of a closed way is found.
-
-        The candidates of the last point are those of the first one. Ways that need not close bound from below what each
-        start can have.
-        """
+        """Ways back to the first candidate that has the least largest step; open ways bound it below."""
         bound = np.zeros(len(self.postures[-1]))
         for D in reversed(self.distances):
             bound = np.min(np.maximum(D, bound), axis=1)
@@ -240,10 +202,7 @@ class StepGraph:
         return found[1]
 
     def closed_of_least_cost(self, largest: float) -> StepGraph | None:
-        """The ways that come back to the candidate with the least possible largest cost of a closed way.
-
-        None where no way with steps up to ``largest`` comes back.
-        """
+        """Ways back to the first candidate of least largest cost, steps up to ``largest``; None without one."""
         bound = self.worst_costs(largest)[: len(self.postures[0])]
         least, best = np.inf, None
         for start in self._promising(bound):
@@ -257,8 +216,7 @@ class StepGraph:
 
     @staticmethod
     def _promising(bound: Array) -> list[int]:
-        """The candidates of the first point that closed ways are looked for at, the least bound first."""
-        order: list[int] = np.argsort(bound, kind="stable")[:_MAX_CLOSED_STARTS].tolist()
+        order: list[int] = np.argsort(bound, kind="stable")[:24].tolist()
         return order
 
 

@@ -1,8 +1,4 @@
-"""``Knots``: the points of a long path that stand for all of it while postures are sought.
-
-Neighbouring points of a dense path have nearly the same postures. The motions that are found at the knots are led to
-all points by inverse kinematics, and are the candidates there.
-"""
+"""``Knots``: points of a long path that stand for all of it; motions found there are led to all points."""
 
 from __future__ import annotations
 
@@ -31,11 +27,7 @@ def knots_of(path: TaskPath) -> Codes:
 
 
 def motions_at_knots(search: MotionSearch, stated: float | None, speed: float | None) -> list[Motion]:
-    """The motions that the search at the knots ends with: the best, those it started from, the calmest, the fastest.
-
-    Args:
-        stated: largest step [rad or m]; speed: of the tool [m/s]; None where the task states none.
-    """
+    """The best motion at the knots, those it started from, the calmest, and the fastest for a stated speed [m/s]."""
     known = [search.calmest[1]] + ([] if speed is None else [search.fastest(speed)])
     paces = search.paces(stated, speed, known)
     best = search.best(paces, known)
@@ -45,18 +37,12 @@ def motions_at_knots(search: MotionSearch, stated: float | None, speed: float | 
 
 @dataclass(frozen=True)
 class Knots:
-    """A search at the knots (M of the K points of a path), and the targets of all points.
+    """A search at the knots (M of the K points of a path), and the targets of all points."""
 
-    Args:
-        search: of the path through the knots alone.
-        path: all points; ``targets`` of them.
-        numbers: (M,) of the knots among the points.
-    """
-
-    search: MotionSearch
-    path: TaskPath
+    search: MotionSearch  # of the path through the knots alone
+    path: TaskPath  # all points; targets of them
     targets: Sequence[TaskTarget]
-    numbers: Codes
+    numbers: Codes  # (M,) of the knots among the points
 
     def along_all(self, motions: Sequence[Motion]) -> MotionSearch | None:
         """The search among motions (M, n) led to all points; None where there is a point to which none leads."""

@@ -24,42 +24,25 @@ from posture_opt.selection.search.engine import Engine
 from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE, TOLERANCE
 from posture_opt.selection.search.search_outcome import is_clear
 
-_POSTURES_BETWEEN = 7  # postures between two points that are looked at
-_MAX_DEVIATION_SHARE = 0.5  # of the distance between two points: off the line by more is no way along it
-
 
 @dataclass(frozen=True)
 class Motion:
-    """Postures Q (K, n) [rad or m] of the points of a path.
-
-    Args:
-        objectives: (K,), scaled; violations: (K,) the worst row of each [m, rad or 1].
-        clear: whether all joints keep their limits, and the arm collides with nothing, at the points.
-        sigma: (K,) largest standard deviation in the part that counts [m].
-        steps: (L − 1,) largest range that a joint sweeps between neighbours of the L listed points [rad or m].
-        optimal: whether first-order conditions hold, or nothing was left to choose but between separate postures.
-        confirmation: what IPOPT says of the motion where it found it; None of other motions.
-    """
+    """Postures Q (K, n) [rad or m] of the points of a path."""
 
     Q: Array
-    objectives: Array
+    objectives: Array  # (K,), scaled; violations: (K,) the worst row of each [m, rad or 1]
     violations: Array
-    sigma: Array
-    steps: Array
-    optimal: bool
-    clear: bool
-    confirmation: Confirmation | None = None
+    sigma: Array  # (K,) largest standard deviation in the part that counts [m]
+    steps: Array  # (L − 1,) largest range that a joint sweeps between neighbours of the L listed points [rad or m]
+    optimal: bool  # whether first-order conditions hold, or nothing was left to choose but between separate postures
+    clear: bool  # whether all joints keep their limits, and the arm collides with nothing, at the points
+    confirmation: Confirmation | None = None  # what IPOPT says of the motion where it found it; None of other motions
 
     @classmethod
     def of(
         cls, engine: Engine, targets: Sequence[TaskTarget], Q: Array, steps: Array, scene: Scene, optimal: bool
     ) -> Motion:
-        """The motion through postures Q (K, n), evaluated at the targets of its points.
-
-        Args:
-            steps: (L − 1,), ``optimal``: as of `Motion`.
-            scene: what the arm must not collide with.
-        """
+        """Motion through postures Q (K, n), evaluated at the targets of its points."""
         inside = np.all((np.array(engine.robot.lower) <= Q) & (np.array(engine.robot.upper) >= Q))
         clear = bool(inside and np.all(is_clear(scene, Q)))
         objective, violation, _, variance = (column[:, 0] for column in engine.screen(Q, stacked(targets)))
@@ -91,12 +74,9 @@ class Motion:
 
 
 def breaks_away(engine: Engine, Q: Array) -> Mask:
-    """(K − 1,) whether the tool leaves the path from one of the postures (K, n) to the next, joints moving evenly.
-
-    By more than half of the distance between them.
-    """
+    """(K − 1,) whether the tool leaves the line between postures (K, n) by more than half of its length."""
     ends = _positions(engine)(Q)
-    return np.asarray(off_lines(engine, Q) > _MAX_DEVIATION_SHARE * np.linalg.norm(np.diff(ends, axis=0), axis=1))
+    return np.asarray(off_lines(engine, Q) > 0.5 * np.linalg.norm(np.diff(ends, axis=0), axis=1))
 
 
 def _positions(engine: Engine) -> BatchFunction:
@@ -106,15 +86,11 @@ def _positions(engine: Engine) -> BatchFunction:
 
 
 def off_lines(engine: Engine, Q: Array) -> Array:
-    """(K − 1,) how far [m] the tool point leaves the straight lines between points, where all joints move evenly.
-
-    Args:
-        Q: (K, n) postures at the points.
-    """
-    shares = np.linspace(0.0, 1.0, _POSTURES_BETWEEN + 2)[1:-1]
+    """(K − 1,) distance [m] of the tool point from the lines between postures (K, n), joints moving evenly."""
+    shares = np.linspace(0.0, 1.0, 7 + 2)[1:-1]
     between = Q[:-1, None] + shares[:, None] * (Q[1:] - Q[:-1])[:, None]
     position = _positions(engine)
-    reached = position(between.reshape(-1, Q.shape[1])).reshape(len(Q) - 1, _POSTURES_BETWEEN, 3)
+    reached = position(between.reshape(-1, Q.shape[1])).reshape(len(Q) - 1, 7, 3)
     ends = position(Q)
     start, way = ends[:-1, None], (ends[1:] - ends[:-1])[:, None]
     along = np.clip(np.sum((reached - start) * way, axis=2) / np.sum(way**2, axis=2), 0.0, 1.0)
@@ -123,22 +99,12 @@ def off_lines(engine: Engine, Q: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class TimeLaw:
-    """The times of the K points of a motion, the tool point at constant speed and each joint even between two points.
+    """Times at constant speed, at most ``min over k, j of (s_{k+1} − s_k) v_j / |q_{k+1,j} − q_{k,j}|``."""
 
-    With the way ``s_k`` along the path up to point k and the largest speed ``v_j`` of joint j, the tool is no faster
-    than ``min over k, j of (s_{k+1} − s_k) v_j / |q_{k+1,j} − q_{k,j}|``.
-
-    Args:
-        robot: with the largest speeds of its joints, as far as they are known.
-        Q: (K, n) postures [rad or m].
-        lengths: (K,) way along the path up to each point [m].
-        stated: speed of the tool point that is asked for [m/s]; None: the highest.
-    """
-
-    robot: Robot
-    Q: Array
-    lengths: Array
-    stated: float | None = None
+    robot: Robot  # with the largest speeds of its joints, as far as they are known
+    Q: Array  # (K, n) postures [rad or m]
+    lengths: Array  # (K,) way along the path up to each point [m]
+    stated: float | None = None  # speed of the tool point that is asked for [m/s]; None: the highest
 
     @cached_property
     def _use(self) -> Array:
@@ -149,7 +115,6 @@ class TimeLaw:
 
     @cached_property
     def _most_used(self) -> tuple[int, int]:
-        """The step between points, and the joint in it, that bound the speed."""
         k, j = np.unravel_index(int(np.argmax(self._use)), self._use.shape)
         return int(k), int(j)
 
@@ -199,24 +164,14 @@ class TimeLaw:
         return {name: int(turn) for name, turn in zip(self.robot.joint_names, turns, strict=True) if turn}
 
 
-_MARGIN_RAD = 1e-9  # rad or m: what a solver may overstep
-_MIN_STEP_RAD = 1e-12  # rad or m: no joint stands quite still
-
-
 def step_bounds(steps: JointSteps, path: TaskPath, largest: float, speed: float | None) -> Array:
-    """(K − 1, n) how far each joint may move between neighbours of the K points [rad or m].
-
-    A step between listed points is divided evenly among the points added there. A joint that cannot leave its limits
-    by that is not bounded by it, nor one without a known largest speed by ``speed``: infinity.
-
-    Args:
-        largest: change of any joint between listed points [rad or m].
-        speed: of the tool point along the path [m/s]; None bounds nothing.
-    """
+    """(K − 1, n) bound of each joint's step [rad or m] by ``largest`` between listed points and the tool's speed
+    [m/s]."""
     even = largest / np.asarray(path.parts, dtype=float)[:, None]
     even = np.where(steps.span > even, even, np.inf)
     most = even if speed is None else np.minimum(even, speed_bounds(steps, path, speed))
-    return np.asarray(np.maximum(most - _MARGIN_RAD, _MIN_STEP_RAD))
+    # what a solver may overstep; no joint stands quite still
+    return np.asarray(np.maximum(most - 1e-9, 1e-12))
 
 
 def speed_bounds(steps: JointSteps, path: TaskPath, speed: float) -> Array:
@@ -226,32 +181,20 @@ def speed_bounds(steps: JointSteps, path: TaskPath, speed: float) -> Array:
     return np.asarray(np.where(np.isnan(each), np.inf, each))
 
 
-_MAX_SINGULAR_SHARE = 0.1  # of the median sensitivity along the motion: a posture with less is near a singular one
-_SUBDIVISIONS = 24  # of the step, on the way that is followed into it
-_SAMPLED_POSTURES = 40  # of the motion, whose sensitivity is what is usual
-
-
 @dataclass(frozen=True)
 class PathBreak:
-    """A step between points at which the arm changes its posture off the path.
+    """A step between points at which the arm changes its posture off the path."""
 
-    Args:
-        first, last: numbers of the listed points that it is between, from 1.
-        kind: ``singular`` where the arm loses a direction of motion there, else ``limits``: it could only go on beyond
-            the limits of its joints, or through what it must keep clear of.
-        joint: that moves most; ``moved`` by how much [rad or m]; ``unit`` of it.
-        off: how far the tool leaves the straight line where all joints move evenly [m].
-        step: number of the step among those of all points, added ones too, from 0.
-    """
-
-    first: int
+    first: int  # first, last: numbers of the listed points that it is between, from 1
     last: int
+    # singular where the arm loses a direction of motion there, else limits: it could only go on beyond the limits of
+    # its joints, or through what it must keep clear of
     kind: Literal["singular", "limits"]
-    joint: str
+    joint: str  # that moves most; moved by how much [rad or m]; unit of it
     moved: float
     unit: Literal["rad", "m"]
-    off: float
-    step: int
+    off: float  # how far the tool leaves the straight line where all joints move evenly [m]
+    step: int  # number of the step among those of all points, added ones too, from 0
 
     def to_json(self) -> dict[str, Json]:
         """Plain numbers, SI."""
@@ -281,16 +224,16 @@ class _Breaks:
 
     def is_singular(self, k: int) -> bool:
         """Whether the arm comes near a singular posture where it is led on from either end of the step."""
-        sampled = self.Q[np.linspace(0, len(self.Q) - 1, min(len(self.Q), _SAMPLED_POSTURES)).astype(int)]
+        sampled = self.Q[np.linspace(0, len(self.Q) - 1, min(len(self.Q), 40)).astype(int)]
         usual = float(np.median([self._sensitivity(q) for q in sampled]))
         ways = (*self._followed(k, k + 1), *self._followed(k + 1, k))
-        return min(self._sensitivity(q) for q in ways) < _MAX_SINGULAR_SHARE * usual
+        return min(self._sensitivity(q) for q in ways) < 0.1 * usual  # of the median along the motion
 
     def _followed(self, start: int, end: int) -> Iterator[Array]:
         """Postures (n,) from point ``start`` towards point ``end``, each from the one before, as far as they lead."""
         q, a, b = self.Q[start], self.targets[start], self.targets[end]
         yield q
-        for share in (np.arange(1, _SUBDIVISIONS + 1) / _SUBDIVISIONS).tolist():
+        for share in (np.arange(1, 24 + 1) / 24).tolist():
             x = (1 - share) * a.lower + share * b.lower
             aim = replace(a, lower=x, upper=x, axis=between(a.axis, b.axis, share))
             moved, errors = self.engine.ik.solve(q[None], held(self.engine, aim))
@@ -300,10 +243,7 @@ class _Breaks:
             yield q
 
     def _sensitivity(self, q: Array) -> float:
-        """The least motion of what the task holds by a unit motion of the joints (n,): its smallest singular value.
-
-        Metres and, of the tool axis, radians times the size of the workspace.
-        """
+        """Smallest singular value of the held motions [m, and rad times the size of the workspace]."""
         problem = self.engine.optimisation_problem
         J = np.asarray(problem.arm.jacobian(q), dtype=float)
         reach = problem.reach
@@ -326,14 +266,7 @@ def path_breaks(
     off: Array,
     jumps: Mask,
 ) -> tuple[PathBreak, ...]:
-    """The steps of a motion (K, n) in which the arm changes its posture.
-
-    Those in which the tool leaves the path by more than half of what lies between two points, and known ``jumps``.
-
-    Args:
-        off: (K − 1,) how far the tool point leaves the straight lines [m].
-        jumps: (K − 1,) steps that are far larger than all others.
-    """
+    """Steps of a motion (K, n) off the path by more than half of their length, and known ``jumps`` (K − 1,)."""
     found = _Breaks(engine, path, targets, steps, Q)
     where = np.flatnonzero(breaks_away(engine, Q) | jumps)
     return tuple(found.at(k, float(off[k])) for k in where.tolist())

@@ -37,18 +37,12 @@ from posture_opt.selection.stations.stations_problem import (
     StationSteps,
 )
 
-MAX_ITERATIONS = 200  # of IPOPT in one smooth problem
-
 
 @dataclass(frozen=True, eq=False)
 class SmoothMotion:
-    """The smooth problem of a path; of a closed one the last point is the first one again and has no variables.
+    """The smooth problem of a path; of a closed one the last point is the first one again and has no variables."""
 
-    Args:
-        problem: its stations, all points but the last one of a closed path.
-    """
-
-    problem: StationsProblem
+    problem: StationsProblem  # its stations, all points but the last one of a closed path
     closed: bool
 
     @classmethod
@@ -62,17 +56,11 @@ class SmoothMotion:
         box: PlacementRange | None = None,
         barrier: float = BARRIER,
     ) -> SmoothMotion:
-        """The problem of all points.
-
-        Args:
-            targets: of the points, in the frame of the workpiece.
-            box: where that may stand; default: it is the world.
-            barrier: as of `StationsProblem`.
-        """
+        """Problem of all points, their targets in the frame of the workpiece that may stand in ``box``."""
         stations = tuple(Station(problem, target) for target in (targets[:-1] if closed else targets))
         lower, upper = (np.zeros(4), np.zeros(4)) if box is None else (box.lower, box.upper)
         joined = StationSteps(steps.counted, np.asarray(path.parts, dtype=float), closed)
-        most = MAX_ITERATIONS
+        most = 200
         program = StationsProblem(stations, lower, upper, steps=joined, max_iterations=most, barrier=barrier)
         return cls(program, closed)
 
@@ -91,77 +79,49 @@ class SmoothMotion:
         return start.Q[-1] - start.Q[0] if self.closed else np.zeros(start.Q.shape[1])
 
     def _open(self, start: StationsPoint) -> StationsPoint:
-        """The start without the posture that is the first one again."""
         return replace(start, Q=start.Q[:-1]) if self.closed else start
 
     def _whole(self, end: StationsOutcome, turns: Array) -> StationsOutcome:
-        """The outcome with the posture that is the first one again."""
         if not self.closed:
             return end
         Q = np.vstack([end.point.Q, end.point.Q[0] + turns])
         return replace(end, point=replace(end.point, Q=Q))
 
 
-_NO_OBJECTIVE = 1e-9  # of a scaled objective below it no share is asked for
-_MAX_IDLE_SOLVES = 2  # smooth problems in a row that bring nothing
 _MAX_START_WAYS = 3  # ways that the smooth problem starts from
-_MIN_DISTANCE_RAD = math.radians(30.0)  # between two of them in a joint, or 0.5 m of a slide
-_FINAL_IK_STEPS = 3  # of inverse kinematics, from an error of 1e-7: they are quadratic
-_MAX_COST_RATIO = 1.5  # times the best objective: ways up to there may still become the best
-_MAX_BREAKS = 8  # steps that may count nothing, because the arm has to leave the path there
-_LATE_BARRIER = 1e-5  # that IPOPT starts with where a part of the points was optimised already
 _STEP_RATIO = 3.0  # times the smallest step that is possible: what is allowed where nothing is stated
 STEP_TOLERANCE_RAD = 1e-9
 """By which a step may exceed its bound [rad or m]: rounding."""
-SPEED_TOLERANCE = 1e-6
-"""Relative, by which the tool may be faster than its joints allow: rounding of their steps."""
 
 
 @dataclass(frozen=True)
 class Paces:
-    """What bounds a motion.
+    """What bounds a motion."""
 
-    Args:
-        largest: change of any joint between listed points [rad or m], but where the arm has to leave the path.
-        stated: whether the task asks for it, and nowhere more.
-        speed: of the tool point [m/s]; None where the joints may take their time.
-        most: (K − 1, n) how far each joint may move between neighbours of all points [rad or m].
-    """
-
-    largest: float
-    stated: bool
-    speed: float | None
-    most: Array
+    largest: float  # change of any joint between listed points [rad or m], but where the arm has to leave the path
+    stated: bool  # whether the task asks for it, and nowhere more
+    speed: float | None  # of the tool point [m/s]; None where the joints may take their time
+    most: Array  # (K − 1, n) how far each joint may move between neighbours of all points [rad or m]
 
 
 @dataclass(frozen=True, eq=False)
 class MotionSearch(DerivedAgain):
-    """The search among the candidates of one path.
+    """The search among the candidates of one path."""
 
-    Args:
-        engine: of the points; ``guard`` has rows that keep the arm clear of the ``scene``.
-        closed: whether the motion comes back to its first posture; the candidates of both ends are then the same.
-        alone: (K,) the best objective at each point by itself, as far as it was sought: minus infinity elsewhere.
-        starts: smooth problems at most; a few candidates that are motions themselves need no second one.
-        apart: candidates of points that were sought by themselves; None: ``found``.
-    """
-
-    engine: Engine
+    engine: Engine  # of the points; guard has rows that keep the arm clear of the scene
     guard: Engine
     path: TaskPath
     found: PathCandidates
     steps: JointSteps
     scene: Scene
-    closed: bool
-    alone: Array
+    closed: bool  # whether the motion comes back to its first posture; the candidates of both ends are then the same
+    alone: Array  # (K,) the best objective at each point by itself, as far as it was sought: minus infinity elsewhere
+    # smooth problems at most; a few candidates that are motions themselves need no second one
     starts: int = 1 + 2 * _MAX_START_WAYS
-    apart: PathCandidates | None = None
+    apart: PathCandidates | None = None  # candidates of points that were sought by themselves; None: found
 
     def within_limits(self) -> MotionSearch:
-        """The same search, joints that would leave their limits by going on turning compared as they are.
-
-        So are those that would end a closed motion whole turns away where steps of the usual size lead back.
-        """
+        """Search with joints compared as they are that would leave their limits, or not come back, by turning on."""
         Q, beyond = self.steps.unwrapped(self._calmest_way[1])
         if len(beyond):
             return self._with_steps(self.steps.without_turns(beyond)).within_limits()
@@ -174,11 +134,9 @@ class MotionSearch(DerivedAgain):
 
     @property
     def _breaks(self) -> int:
-        """In how many steps the arm has to leave the path."""
         return int(np.count_nonzero(~self._calmest_way[2].any(axis=1)))
 
     def _with_steps(self, steps: JointSteps) -> MotionSearch:
-        """The same search with steps that tell more turns apart, and the candidates that these are of."""
         return replace(self, steps=steps, found=self.found.turned(steps))
 
     def _graph(self, weights: Array) -> StepGraph:
@@ -187,14 +145,11 @@ class MotionSearch(DerivedAgain):
 
     @cached_property
     def _calmest_way(self) -> tuple[float, Array, Array]:
-        """The least possible largest step between listed points, the postures (K, n) of a way that has it, and the
-        weights (K − 1, n) of the steps.
-
-        Where the arm has to leave the path its step counts nothing, so that it stays on the path everywhere else.
-        """
+        """Least largest step between listed points, postures (K, n), weights (K − 1, n): 0 where the arm has to leave
+        the path."""
         weights = np.asarray(self.path.parts, dtype=float)[:, None] * np.ones(len(self.steps.wide))
         step, Q = self._calmest(weights)
-        for _ in range(_MAX_BREAKS):
+        for _ in range(8):
             Q, _ = self.steps.unwrapped(Q)
             k = int(np.argmax(np.max(np.abs(np.diff(Q, axis=0)) * self.steps.counted * weights, axis=1)))
             others = np.where((np.arange(len(weights)) == k)[:, None], 0.0, weights)
@@ -229,14 +184,12 @@ class MotionSearch(DerivedAgain):
         problems = [self.engine.optimisation_problem]
         if self.guard is not self.engine and self.scene.active:
             problems.append(self.guard.optimisation_problem)
-        barrier, targets = _LATE_BARRIER if self.starts == 1 else BARRIER, self.found.targets
+        # a part of the points was optimised already
+        barrier, targets = 1e-5 if self.starts == 1 else BARRIER, self.found.targets
         return tuple(SmoothMotion.of(p, self.steps, targets, self.path, self.closed, barrier=barrier) for p in problems)
 
     def bound(self, motion: Motion) -> float:
-        """σ_max [m] that no motion gets below at its worst point, as far as its best posture was found.
-
-        NaN where something else is minimised.
-        """
+        """σ_max [m] that no motion gets below at its worst point; NaN where something else is minimised."""
         task = self.engine.optimisation_problem.task
         if task.criterion != "worst" or task.minimize:
             return math.nan
@@ -275,13 +228,7 @@ class MotionSearch(DerivedAgain):
         return TimeLaw(self.engine.robot, motion.Q, self.path.lengths, speed)
 
     def paces(self, stated: float | None, speed: float | None, known: Sequence[Motion]) -> Paces:
-        """What bounds the motion.
-
-        Args:
-            stated: change of any joint between listed points [rad or m]; None: three times the smallest possible.
-            speed: of the tool [m/s]; None where nothing is stated.
-            known: motions that the bounds must not exclude.
-        """
+        """Bounds: a stated step [rad or m], or three times the smallest possible, and a speed [m/s]."""
         even = self.calmest[0]
         if stated is not None:
             return Paces(stated, True, speed, step_bounds(self.steps, self.path, max(stated, even), speed))
@@ -292,10 +239,7 @@ class MotionSearch(DerivedAgain):
         return Paces(largest, False, speed, np.where(self._calmest_way[2] > 0, most, self.steps.span))
 
     def best(self, paces: Paces, known: Sequence[Motion]) -> Motion | None:
-        """The best motion found within its bounds; None where none keeps them.
-
-        Of ways through the candidates, of ``known`` motions, and of the smooth motions that they lead to.
-        """
+        """Best motion within bounds, of ways, ``known`` motions and smooth motions from them; None without one."""
         ways = self._ways(paces.most)
         if (turning := self._turning(ways)) is not None:
             return self._with_steps(self.steps.without_turns(turning)).best(paces, known)
@@ -316,7 +260,6 @@ class MotionSearch(DerivedAgain):
         return [self._motion(Q) for Q in self._ways(paces.most)]
 
     def _turning(self, ways: Sequence[Array]) -> Codes | None:
-        """The joints that end a closed way in other whole turns than the calmest motion; None where there are none."""
         if not self.closed or not len(ways):
             return None
         allowed = self.steps.whole_turns(self.calmest[1].Q)
@@ -325,13 +268,11 @@ class MotionSearch(DerivedAgain):
         return more if len(more) else None
 
     def _keeps(self, motion: Motion, paces: Paces) -> bool:
-        """Whether a motion meets all requirements within its bounds."""
         if not motion.feasible or (paces.stated and motion.largest_step > paces.largest + STEP_TOLERANCE_RAD):
             return False
         return paces.speed is None or keeps_speed(self.law(motion), paces.speed)
 
     def _spread_made_least(self, starts: list[Motion], paces: Paces) -> list[Motion]:
-        """Where the smooth problem leads to from the starts, best first, until nothing can be better."""
         least = float(np.max(self.alone))
         ends: list[Motion] = []
         idle = 0
@@ -340,15 +281,13 @@ class MotionSearch(DerivedAgain):
             able = [end.objective for end in ends if end.feasible and end.optimal]
             better = len(able) > 1 and as_good(able[-1]) < min(able[:-1])
             idle = 0 if better or len(able) < 2 else idle + 1
-            if (able and abs(min(able) - least) <= as_good(least) - least) or idle == _MAX_IDLE_SOLVES:
+            # in a row that bring nothing
+            if (able and abs(min(able) - least) <= as_good(least) - least) or idle == 2:
                 break
         return ends
 
     def _ways(self, most: Array) -> list[Array]:
-        """The best way through the candidates, and the best ones that pass far from those before.
-
-        Far at the point that costs most on the best way, or else in the middle. No step is above ``most`` (K − 1, n).
-        """
+        """Best ways far from each other at the dearest point or in the middle, steps up to ``most`` (K − 1, n)."""
         every = self._graph(1 / most)
         graph = every.closed_of_least_cost(1.0) if self.closed else every
         if graph is None:
@@ -365,11 +304,11 @@ class MotionSearch(DerivedAgain):
         return [graph.motion(way) for way in ways]
 
     def _apart(self, graph: StepGraph, point: int, worst: Array) -> list[Codes]:
-        """The best ways that pass far from each other at a point, given the least cost through its candidates."""
         chosen: list[int] = []
         for k in np.argsort(worst, kind="stable").tolist():
             near = self.steps.between(graph.postures[point][[k]], graph.postures[point][chosen])
-            if worst[k] <= _MAX_COST_RATIO * worst.min() and np.all(near > _MIN_DISTANCE_RAD) and np.isfinite(worst[k]):
+            # or 0.5 m of a slide
+            if worst[k] <= 1.5 * worst.min() and np.all(near > math.radians(30.0)) and np.isfinite(worst[k]):
                 chosen.append(k)
             if len(chosen) == _MAX_START_WAYS:
                 break
@@ -377,21 +316,15 @@ class MotionSearch(DerivedAgain):
         return [way for way in ways if way is not None]
 
     def _on_path(self, motion: Motion) -> Motion:
-        """The same motion, its points met to the last digits by some steps of inverse kinematics."""
         Q, requests = motion.Q, np.vstack([held(self.engine, target).rows for target in self.found.targets])
         turns = Q[-1] - Q[0]
-        for _ in range(_FINAL_IK_STEPS):
+        for _ in range(3):  # from an error of 1e-7, quadratic
             Q = self.steps.rested(self.engine.ik.stepped(Q, requests)[0])
         return self._motion(np.vstack([Q[:-1], Q[0] + turns]) if self.closed else Q)
 
     def _smoothed(
         self, start: Motion, solved: Callable[[SmoothMotion, StationsPoint], StationsOutcome], *, spreads: bool = False
     ) -> Motion:
-        """Where the smooth problem leads to; it is solved with rows that keep the arm clear where it must be.
-
-        Args:
-            spreads: whether the objective is that of the motion, and not its steps.
-        """
         for problem in self.smooth:
             end = solved(problem, StationsPoint(np.zeros(4), start.Q))
             motion = self._motion(end.point.Q, end.optimal)
@@ -410,15 +343,10 @@ class MotionSearch(DerivedAgain):
 
 
 def _said(end: StationsOutcome, motion: Motion) -> Confirmation:
-    """What IPOPT says of the motion that it ended at.
-
-    The standard deviation that the search has of its postures is compared with that of IPOPT's own functions; the
-    objective is a variance, or the logarithm of a probability.
-    """
-    agrees = abs(motion.objective - end.objective) / max(2 * abs(motion.objective), _NO_OBJECTIVE)
+    agrees = abs(motion.objective - end.objective) / max(2 * abs(motion.objective), 1e-9)
     return Confirmation("ipopt", end.iterations, end.residual, agrees)
 
 
 def keeps_speed(law: TimeLaw, speed: float) -> bool:
     """Whether the joints of a motion allow a constant speed of the tool [m/s]."""
-    return law.highest is None or law.highest >= speed * (1 - SPEED_TOLERANCE)
+    return law.highest is None or law.highest >= speed * (1 - 1e-6)  # rounding of steps

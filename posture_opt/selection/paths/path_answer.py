@@ -23,18 +23,13 @@ from posture_opt.selection.search.inverse_kinematics import TOLERANCE
 
 @dataclass(frozen=True)
 class Naive:
-    """Two motions without look-ahead; their steps are those from point to point, as they are.
+    """Two motions without look-ahead; their steps are those from point to point, as they are."""
 
-    Args:
-        each: the best posture of every point, whatever those beside it.
-        onward: from the best posture of the first point by inverse kinematics, each from the one before; None where
-            that comes to a limit.
-        reached: how many points it got to.
-    """
-
-    each: Motion
+    each: Motion  # the best posture of every point, whatever those beside it
+    # from the best posture of the first point by inverse kinematics, each from the one before; None where that comes
+    # to a limit
     onward: Motion | None
-    reached: int
+    reached: int  # how many points it got to
 
 
 def naive_motions(
@@ -45,11 +40,7 @@ def naive_motions(
     path: TaskPath,
     scene: Scene,
 ) -> Naive:
-    """The motions that are to be had without look-ahead, from the candidates of points.
-
-    Args:
-        found: of all points, or of some of a long path; ``targets`` of all.
-    """
+    """Motions without look-ahead, from the candidates of points."""
     best = np.array([Q[int(np.argmin(costs))] for Q, costs in zip(found.postures, found.costs, strict=True)])
     apart = np.array([steps.between(a[None], b[None])[0, 0] for a, b in pairwise(best)])
     each = Motion.of(engine, found.targets, best, apart, scene, True)
@@ -63,35 +54,23 @@ def naive_motions(
     return Naive(each, Motion.of(engine, targets, Q, steps.swept(Q, path.listed), scene, True), len(way))
 
 
-_CLOSED_TOLERANCE_RAD = 1e-6  # rad or m: postures that are one
-
-
 @dataclass(frozen=True, eq=False)
 class PathAnswer:
-    """What a solution has beside its stations where they are the K points of a path.
+    """What a solution has beside its stations where they are the K points of a path."""
 
-    Args:
-        path: K points, listed and added.
-        largest_step: allowed change of a joint between listed points [rad or m]; ``smallest_step`` the least possible.
-        bound: σ_max [m] of the best posture at the point where that is largest: no motion gets below it; NaN where
-            something else is minimised.
-        off_line: largest distance [m] of the tool point from the straight line between points where joints move evenly.
-        naive: what simpler ways give.
-        candidates: (K,) postures that were compared at each point.
-        law: when the tool is at each point.
-        breaks: where no motion leads along the path, but only away from it and back.
-    """
-
-    path: TaskPath
+    path: TaskPath  # K points, listed and added
     motion: Motion
-    largest_step: float
+    largest_step: float  # allowed change of a joint between listed points [rad or m]; smallest_step the least possible
     smallest_step: float
+    # σ_max [m] of the best posture at the point where that is largest: no motion gets below it; NaN where something
+    # else is minimised
     bound: float
+    # largest distance [m] of the tool point from the straight line between points where joints move evenly
     off_line: float
-    naive: Naive
-    candidates: tuple[int, ...]
-    law: TimeLaw
-    breaks: tuple[PathBreak, ...] = ()
+    naive: Naive  # what simpler ways give
+    candidates: tuple[int, ...]  # (K,) postures that were compared at each point
+    law: TimeLaw  # when the tool is at each point
+    breaks: tuple[PathBreak, ...] = ()  # where no motion leads along the path, but only away from it and back
 
     @property
     def listed(self) -> Mask:
@@ -109,7 +88,7 @@ class PathAnswer:
         Q = self.motion.Q
         off = np.abs(Q[-1] - Q[0])
         turns = np.array([joint.type == "revolute" for joint in self.law.robot.joints])
-        return bool(np.all(np.where(turns, np.abs(off - TURN * np.rint(off / TURN)), off) < _CLOSED_TOLERANCE_RAD))
+        return bool(np.all(np.where(turns, np.abs(off - TURN * np.rint(off / TURN)), off) < 1e-6))
 
     @property
     def times(self) -> list[float] | None:
@@ -144,7 +123,6 @@ class PathAnswer:
 
 
 def _point_json(point: Solution) -> dict[str, Any]:
-    """What the document of a path says of one listed point: posture, tool pose and spread."""
     spread = point.spread
     return {
         "posture": point.posture,

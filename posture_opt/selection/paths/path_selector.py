@@ -45,11 +45,7 @@ from posture_opt.workers import Workers, opened
 
 
 def too_large_a_step(search: MotionSearch, largest: float, calm: Motion) -> Reason:
-    """Between which listed points a joint has to move farther than it may, and what would do.
-
-    Args:
-        largest: change that is allowed [rad or m]; ``calm`` the motion of least largest step.
-    """
+    """Where a joint has to move farther than ``largest`` [rad or m], and which bound would do."""
     smallest, ends = calm.largest_step, np.flatnonzero(search.path.listed)
     k = int(np.argmax(calm.steps))
     swept = np.ptp(calm.Q[ends[k] : ends[k + 1] + 1], axis=0)
@@ -64,11 +60,7 @@ def too_large_a_step(search: MotionSearch, largest: float, calm: Motion) -> Reas
 
 
 def too_fast(search: MotionSearch, speed: float, law: TimeLaw) -> Reason:
-    """Which joint is too slow for a speed of the tool [m/s], where, and which speed would do.
-
-    Args:
-        law: of the fastest motion that was found.
-    """
+    """Which joint is too slow for a speed of the tool [m/s], where, and which speed would do."""
     highest, step = law.highest, law.limiting_step
     assert highest is not None, "a motion that no joint bounds is not too fast"
     assert step is not None, "a joint that bounds a motion does so in a step"
@@ -83,11 +75,6 @@ def too_fast(search: MotionSearch, speed: float, law: TimeLaw) -> Reason:
 
 
 def too_fast_in_small_steps(search: MotionSearch, largest: float, speed: float) -> Reason:
-    """What is said where either bound can be kept, and no motion was found that keeps both.
-
-    Args:
-        largest: change that is allowed [rad or m].
-    """
     message = (
         f"no motion was found at {speed * 1e3:.4g} mm/s with steps of at most {math.degrees(largest):.4g} deg: "
         "leave out largest_step, or lower the speed"
@@ -96,13 +83,8 @@ def too_fast_in_small_steps(search: MotionSearch, largest: float, speed: float) 
 
 
 def _below(value: float) -> float:
-    """The number with three digits, rounded down."""
     power = 10.0 ** (math.floor(math.log10(value)) - 2)
     return float(f"{math.floor(value / power * (1 - 1e-9)) * power:.4g}")
-
-
-_SEARCHED_POINTS = 6  # of the path that stand for all of it
-_SEARCHED_PLACEMENTS = 3  # placements whose motions are searched
 
 
 def promising_placements(
@@ -113,25 +95,17 @@ def promising_placements(
     workers: int = 1,
     progress: Progress | None = None,
 ) -> list[Array]:
-    """Placements (4,) at which some points of a path have good postures, best first.
-
-    Args:
-        targets: of all points, in the frame of the workpiece.
-        workers, progress: as of `search_placement`.
-    """
-    chosen = np.unique(np.linspace(0, len(targets) - 1, min(_SEARCHED_POINTS, len(targets))).round().astype(int))
+    """(4,) placements at which some points of a path have good postures, best first."""
+    # points stand for all of the path
+    chosen = np.unique(np.linspace(0, len(targets) - 1, min(6, len(targets))).round().astype(int))
     some = tuple(targets[k] for k in chosen.tolist())
     stations = PlacedStations((engine,) * len(some), some, placement, "worst")
     found = search_placement(stations, seed, workers, progress, wanted=1)
-    return [placement.tidied(optimum.w) for optimum in found.optima[:_SEARCHED_PLACEMENTS]]
+    return [placement.tidied(optimum.w) for optimum in found.optima[:3]]
 
 
 def moved_on(found: Solution, targets: Sequence[TaskTarget], placement: PlacementRange) -> Array:
-    """The placement (4,) that a motion leads to where the part may move with it.
-
-    Args:
-        targets: of all points, in the frame of the workpiece.
-    """
+    """(4,) placement that a motion leads to where the part may move with it."""
     problem, box = found.optimisation_problem, placement.without_seam
     own = [replace(target, scale=found.target.scale) for target in targets]
     steps = JointSteps.of(problem.robot, problem.nlp)
@@ -143,45 +117,35 @@ def moved_on(found: Solution, targets: Sequence[TaskTarget], placement: Placemen
     return placement.tidied(end.point.w)
 
 
-_MIN_COMPILED_POINTS = 100  # the searches of more points take longer than compiling them
 _MAX_ROUNDS = 3  # of the smooth problem with the workpiece, and of the search at the placement found
-_MIN_SIGMA_GAIN = 1e-3  # of a standard deviation: what is worth another round
-_SPACING_SHARE = 0.05  # of the length of the arm, where none is stated: joints that move evenly stay near a line then
 
 
 @dataclass(frozen=True, eq=False)
 class PathSelector(DerivedAgain):
-    """The search for the postures along the path of one problem; ``selector`` builds what every point needs.
-
-    Args:
-        w: (4,) where the workpiece stands; ``explains`` says whether a failure is looked into.
-    """
+    """The search for the postures along the path of one problem; ``selector`` builds what every point needs."""
 
     problem: ProblemData
     selector: PostureSelector
     task: PathTask
     placement: PlacementRange
-    w: Array
+    w: Array  # (4,) where the workpiece stands; explains says whether a failure is looked into
     explains: bool = True
 
     @classmethod
     def of(cls, problem: ProblemData) -> PathSelector:
-        """For a problem whose task follows a path; the workpiece in the middle of its ranges.
-
-        Raises:
-            InputError: nothing uncertain, or a task that the arm cannot do.
-        """
+        """Selector for a task along a path, the workpiece in the middle of its ranges; InputError as
+        `PostureSelector`."""
         task = path_task_of(problem)
         if task.speed == HIGHEST and all(map(math.isnan, problem.robot.velocities)):
             name = problem.robot.joint_names[0]
             hint = f"add robot: velocity: {{{name}: 120 deg/s}}, or state a speed in mm/s"
             raise InputError(Issue("no largest speed of a joint is known", ("task", "speed"), HIGHEST, hint))
         one = replace(problem, task=task.model_copy(update={"path": None, "points": None, "workpiece": None}))
-        spacing = task.spacing or _SPACING_SHARE * problem.robot.length or None
+        spacing = task.spacing or 0.05 * problem.robot.length or None  # joints that move evenly stay near a line then
         task = task.model_copy(update={"spacing": spacing})
         placement = PlacementRange.of(task.workpiece)
         # Many placements or points, and rows that keep the arm clear, are worth the seconds that compiling takes.
-        many = len(TaskPath.of(task).points) > _MIN_COMPILED_POINTS
+        many = len(TaskPath.of(task).points) > 100
         compiled = None if np.any(placement.free) or problem.scene.explicit or many else False
         selector = PostureSelector(one, compiled=compiled)
         return cls(problem, selector, task, placement, placement.centre)
@@ -197,18 +161,7 @@ class PathSelector(DerivedAgain):
         return self.path.targets(self.selector.target, self.selector.reach)
 
     def solve(self, *, seed: int | None = None, workers: int = 1, progress: Progress | None = None) -> Solution:
-        """The motion, and the placement of the workpiece as far as that is free, of least largest critical spread.
-
-        Args:
-            seed: of the random postures; default: the problem's.
-            workers: processes that share the search for candidates; the answer does not depend on it.
-            progress: called with (done, all) parts of the search.
-
-        Raises:
-            NoSolutionError: a point that no posture reaches, or no way from point to point with steps as small as
-                asked; carries the nearest posture, or the motion of least largest step, and the reasons. Where the
-                workpiece may be placed and no placement does, those of its middle.
-        """
+        """Motion and placement of least largest spread; NoSolutionError carries what comes nearest."""
         seed = self.problem.solver.seed if seed is None else seed
         if np.any(self.placement.free):
             return self._placed(seed, workers, progress)
@@ -216,7 +169,6 @@ class PathSelector(DerivedAgain):
             return self.solve_here(seed, pool, progress)
 
     def _placed(self, seed: int, workers: int, progress: Progress | None) -> Solution:
-        """The best of some placements and of the middle, moved on with the motion while that gains."""
         began = time.perf_counter()
         own = replace(self, w=np.zeros(4)).targets
         engine = self.selector.engine_of_all(self.targets)
@@ -238,7 +190,7 @@ class PathSelector(DerivedAgain):
             best = min(found, key=_sigma)
             for _ in range(_MAX_ROUNDS):
                 again = attempted(moved_on(best, own, self.placement))
-                if again is None or _sigma(again) > _sigma(best) * (1 - _MIN_SIGMA_GAIN):
+                if again is None or _sigma(again) > _sigma(best) * (1 - 1e-3):
                     break
                 best = again
         assert best.placement is not None
@@ -254,14 +206,7 @@ class PathSelector(DerivedAgain):
             return None
 
     def solve_here(self, seed: int, pool: Workers | None = None, progress: Progress | None = None) -> Solution:
-        """The best motion with the workpiece at its placement.
-
-        Args:
-            pool: works on the candidates; progress: called with (done, all) parts of the search for them.
-
-        Raises:
-            NoSolutionError: as `solve`.
-        """
+        """Best motion with the workpiece where it is; raises as `solve`."""
         began = time.perf_counter()
         search = self._search(seed, began, pool, progress)
         stated, speed = self.task.largest_step, self.task.stated_speed
@@ -287,11 +232,6 @@ class PathSelector(DerivedAgain):
     def _search(
         self, seed: int, began: float, pool: Workers | None = None, progress: Progress | None = None
     ) -> MotionSearch:
-        """The candidates of all points; where some have none that is clear, with rows that keep the arm clear.
-
-        Raises:
-            NoSolutionError: a point without any.
-        """
         self._check_plane(began)
         if len(self.targets) > MAX_SEARCHED_POINTS:
             search = self._search_at_knots(seed, pool, progress)
@@ -306,7 +246,6 @@ class PathSelector(DerivedAgain):
     def _search_at_knots(
         self, seed: int, pool: Workers | None = None, progress: Progress | None = None
     ) -> MotionSearch | None:
-        """The search among motions that were found at some points of a long path; None where none leads all along."""
         numbers = knots_of(self.path)
         targets = [self.targets[k] for k in numbers.tolist()]
         engine, steps, found = self._candidates(targets, seed, pool, progress)
@@ -323,7 +262,6 @@ class PathSelector(DerivedAgain):
         pool: Workers | None = None,
         progress: Progress | None = None,
     ) -> tuple[Engine, JointSteps, PathCandidates]:
-        """The candidates of some points, with the engine that found them."""
         scene = self.problem.scene
         for guarded in (None, True):
             engine = self.selector.engine_of_all(self.targets, guarded)
@@ -335,10 +273,7 @@ class PathSelector(DerivedAgain):
         return engine, steps, found
 
     def can_be_done(self) -> bool:
-        """Whether every point has a posture, and steps as small, or a speed as high, as asked lead along them.
-
-        Why not is not asked.
-        """
+        """Whether postures, steps and speed lead along the path; why not is not asked."""
         seed = self.problem.solver.seed
         engine, steps, found = self._candidates(self.targets, seed)
         if not all(map(len, found.costs)):
@@ -352,7 +287,6 @@ class PathSelector(DerivedAgain):
         return speed is None or keeps_speed(search.law(search.fastest(speed)), speed)
 
     def _joined(self, path: TaskPath, engine: Engine, found: PathCandidates, steps: JointSteps) -> MotionSearch:
-        """The search among the candidates of the points of a path, which have some each."""
         guard = self.selector.engine_of_all(self.targets, True)
         alone = np.array([float(np.min(costs)) for costs in found.costs])
         candidates, closed = found.closed() if self.task.closed else found, self.task.closed
@@ -362,12 +296,7 @@ class PathSelector(DerivedAgain):
     def _solution(
         self, search: MotionSearch, motion: Motion, largest: float, began: float, reasons: Sequence[Reason] = ()
     ) -> Solution:
-        """The answer of a motion, with what simpler ways give.
-
-        Args:
-            largest: step that is allowed [rad or m].
-            reasons: why it does not do.
-        """
+        """Answer of a motion with steps up to ``largest`` [rad or m], and the reasons why it does not do."""
         apart, targets = search.apart or search.found, search.found.targets
         naive = naive_motions(search.engine, apart, targets, search.steps, self.path, self.problem.scene)
         problem = search.engine.optimisation_problem
@@ -417,7 +346,6 @@ class PathSelector(DerivedAgain):
         raise NoSolutionError("\n".join(reason.message for reason in reasons), solution)
 
     def _does(self, changes: Sequence[Change], near: Array) -> bool:
-        """Whether the whole path can be done with some changes."""
         try:
             changed = PathSelector.of(with_changes(self.problem, changes))
             return replace(changed, w=self.w).can_be_done()
@@ -426,7 +354,6 @@ class PathSelector(DerivedAgain):
 
 
 def _counted(candidates: int, seconds: float, problem: OptimisationProblem) -> SearchStatistics:
-    """Of a point, whose candidates are compared together with those of all others."""
     sampled = Sampled.none(problem.robot)
     return SearchStatistics(candidates, candidates, 0, 0, 0, 0, sampled, None, math.nan, 1, 0, seconds)
 

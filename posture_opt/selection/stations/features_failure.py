@@ -31,17 +31,10 @@ from posture_opt.selection.tasks.workpiece import Workpiece
 from posture_opt.statements import Statement, state
 
 _PLACEMENTS_BEYOND = 96  # placements beyond the range, towards the base and anywhere
-_PLACEMENTS_ALONG = 12  # of the way back
-_BESIDE = 0.1  # of the reach: so far from the way to the base
-_MAX_ROUNDS = 3
-_STARTS_PER_PLACEMENT = 8
 
 
 def nearest_feasible(stations: PlacedStations, seed: int) -> Array | None:
-    """(4,) a placement outside of the range, yaw within it, at which every feature can be done; None if none was seen.
-
-    The smallest shift [m] that was found.
-    """
+    """(4,) feasible placement of least shift [m] found outside the range, yaw within it; None if none was seen."""
     rng, box = np.random.default_rng(seed), stations.placement
     reach = stations.engines[0].optimisation_problem.reach
     far = np.append(np.full(3, reach.radius), 0.0)
@@ -51,7 +44,7 @@ def nearest_feasible(stations: PlacedStations, seed: int) -> Array | None:
     # What is out of reach is reached on the way to the base, at its own height or nearly so.
     foot = np.append(base_frame(stations.engines[0].robot)[0][:2], inside[0, 2:])
     nearer = inside + np.linspace(0, 1, _PLACEMENTS_BEYOND)[:, None] * (foot - inside) * [1, 1, 0, 0]
-    nearer += _BESIDE * rng.uniform(-1, 1, (_PLACEMENTS_BEYOND, 4)) * far
+    nearer += 0.1 * rng.uniform(-1, 1, (_PLACEMENTS_BEYOND, 4)) * far  # of the reach: so far from the way to the base
     return _led_back(stations, np.vstack([nearer, anywhere]), rng)
 
 
@@ -77,8 +70,8 @@ def _led_back(stations: PlacedStations, W: Array, rng: np.random.Generator) -> A
     anywhere = replace(stations, placement=PlacementRange(np.full(4, -np.inf), np.full(4, np.inf)), shared=None)
     best: Array | None = None
     known: Array | None = None
-    for _ in range(2 * _MAX_ROUNDS + 1):
-        found = anywhere.best(anywhere.in_plane(W), _STARTS_PER_PLACEMENT, rng, known)
+    for _ in range(2 * 3 + 1):
+        found = anywhere.best(anywhere.in_plane(W), 8, rng, known)
         feasible = np.flatnonzero((found.gap == 0).all(axis=1))
         if len(feasible):
             nearest = feasible[np.argmin(outside(box, found.W[feasible]))]
@@ -91,40 +84,28 @@ def _led_back(stations: PlacedStations, W: Array, rng: np.random.Generator) -> A
         away = outside(box, best[None])[0]
         if away < 1e-6:
             return best
-        along = np.linspace(0, 1, _PLACEMENTS_ALONG, endpoint=False)[:, None]
-        about = rng.uniform(-1, 1, (2 * _PLACEMENTS_ALONG, 4)) * np.where(
-            best == edge, 0.3 * (box.upper - box.lower), away / 3
-        )
+        along = np.linspace(0, 1, 12, endpoint=False)[:, None]
+        about = rng.uniform(-1, 1, (2 * 12, 4)) * np.where(best == edge, 0.3 * (box.upper - box.lower), away / 3)
         W = np.vstack([edge + along * (best - edge), np.clip(best + about, edge - away, edge + away)])
     return best
 
 
 @dataclass(frozen=True, eq=False)
 class FeaturesFailure:
-    """The inquiry into a search that found no placement at which every feature can be done.
-
-    Args:
-        stations: with rows that keep the arm clear.
-        selector: of one feature; ``does`` says whether a changed problem is solved.
-    """
+    """The inquiry into a search that found no placement at which every feature can be done."""
 
     problem: ProblemData
     task: Task
-    stations: PlacedStations
+    stations: PlacedStations  # with rows that keep the arm clear
     seed: int
-    selector: PostureSelector
+    selector: PostureSelector  # of one feature; does says whether a changed problem is solved
     does: Callable[[ProblemData], bool]
 
     def error(
         self, w: Array, failed: Sequence[int], errors: Sequence[NoSolutionError],
         looked: int, began: float,
     ) -> NoSolutionError:  # fmt: skip
-        """The error that carries the placement w (4,) where least is missing.
-
-        Args:
-            failed: features that cannot be done there; errors: of the first of them.
-            looked: how many placements were looked at; began: when the search did.
-        """
+        """Failure at the placement w (4,) where least is missing, with errors of the first failed features."""
         names = tuple(self.task.features[k].name for k in failed[: len(errors)])
         solved = [error.solution for error in errors]
         pairs = [(name, reason) for name, one in zip(names, solved, strict=True) for reason in one.reasons]
@@ -137,11 +118,7 @@ class FeaturesFailure:
     def not_together(
         self, w: Array, failed: Sequence[int], solved: Sequence[Solution], looked: int, began: float
     ) -> NoSolutionError:
-        """The error where each feature can be done at the placement w (4,), and the search did not do all of them.
-
-        Args:
-            failed: features that the search did not do there; solved: each of the first of them by itself.
-        """
+        """Failure at the placement w (4,), where each failed feature can be done by itself."""
         names = tuple(self.task.features[k].name for k in failed[: len(solved)])
         message = (
             f"each feature can be done by itself, but of {looked} placements none was found at which all of them can "
@@ -154,7 +131,6 @@ class FeaturesFailure:
         self, w: Array, solved: Sequence[Solution], names: Sequence[str], notes: tuple[Statement, ...],
         reasons: tuple[Reason, ...], relaxations: Sequence[Relaxation], looked: int, began: float,
     ) -> NoSolutionError:  # fmt: skip
-        """The error with the infeasible answer."""
         statistics = PlacementStatistics(looked, 0, 0, 0, 1, 0, time.perf_counter() - began)
         box = self.stations.placement
         solution = joined_features(
@@ -164,7 +140,6 @@ class FeaturesFailure:
         return NoSolutionError("\n".join(reason.message for reason in reasons), solution)
 
     def _for_all(self, w: Array, failed: Sequence[int]) -> tuple[Relaxation, ...]:
-        """Changes of requirements with which every feature can be done."""
         targets = [self.stations.at(w)[k] for k in failed]
         engine = self.stations.engines[failed[0]]
         found = multistart(engine, targets[0], np.random.default_rng(self.seed), usual_starts(engine))
@@ -173,11 +148,9 @@ class FeaturesFailure:
         return explain_stations(inquiry, targets, names).relaxations
 
     def _with_changes(self, changes: Sequence[Change], near: Array | None = None) -> bool:
-        """Whether the problem with some changes is solved."""
         return self.does(with_changes(self.problem, changes))
 
     def _moves(self) -> list[Relaxation]:
-        """Where the whole workpiece could stand, or how it could be turned, for every feature to be possible."""
         found, box = [], self.stations.placement
         moved, turned = nearest_feasible(self.stations, self.seed), turned_feasible(self.stations, self.seed)
         if turned is not None and np.any(np.clip(turned, box.lower, box.upper)[:3] != turned[:3]):
@@ -190,7 +163,6 @@ class FeaturesFailure:
         return found
 
     def _placed(self, w: Sequence[ChangedValue]) -> tuple[Change, ...]:
-        """The workpiece at one placement."""
         text: dict[str, Json] = {name: part.text for name, part in zip(COORDINATES, w, strict=True)}
         if self.task.workpiece is not None:
             text |= self.task.workpiece.shape_keys
@@ -218,11 +190,7 @@ def _written(w: Array, box: PlacementRange) -> Iterator[list[ChangedValue]]:
 def joined_features(
     problem: ProblemData, solved: Sequence[Solution], names: Sequence[str], placement: PlacementOnBench, **stated: Any
 ) -> Solution:
-    """The answer for several features from that for each of them.
-
-    Args:
-        stated: fields of the whole answer: status, notes, reasons and what would help.
-    """
+    """One answer for several features; ``stated`` are fields of the whole answer."""
     statistics = placement.statistics
     assert statistics is not None
     first = replace(solved[0].statistics, seconds=statistics.seconds)

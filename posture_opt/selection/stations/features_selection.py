@@ -34,16 +34,11 @@ from posture_opt.uncertainty.spread.success_of_all import PlaceErrors, success_o
 
 
 def confirmed_features(solved: Sequence[Solution]) -> list[Solution]:
-    """The same answers where the workpiece stands, with what the solver says of each; a better posture is taken.
-
-    Where the postures are chosen by the probability that all succeed, with errors that stay, none of them is the best
-    one by itself: these are not asked about.
-    """
+    """Answers with IPOPT's word on each, and its posture where that is better."""
     return [_confirmed(solution) for solution in solved]
 
 
 def _confirmed(solution: Solution) -> Solution:
-    """One of them, its alternatives with it."""
     assert solution.engine is not None
     given = solution.engine.candidates(solution.q[None], solution.target)[0]
     (best, *_), said = confirmed(solution.engine, [given], solution.target, solution.problem.scene)
@@ -56,26 +51,14 @@ def _confirmed(solution: Solution) -> Solution:
     return replace(solution, q=best.q, ended=ended, statistics=statistics)
 
 
-_MOST_SEEN = 12  # postures of a search for one feature that are tried beside its optima
-_DRAWS = 8192  # of the errors that stay: combinations that differ by less are as good
-
-
 def postures_together(
     stations: PlacedStations, w: Array, solved: Sequence[Solution], known: Array | None = None
 ) -> Sequence[Solution]:
-    """The answers for each feature with the postures that are best for all; as they are where features share no errors.
-
-    Of the optima of each feature and of other postures that do it, the best combination; where the arm has freedom
-    left, all of them improved together; of both, and of the optima, what is most likely to succeed.
-
-    Args:
-        w: (4,) the placement [m, rad].
-        solved: the answer at each of the K features alone.
-        known: (K, n) postures of a joint answer.
-    """
+    """Answers with the postures (K, n) of greatest joint success at w (4,); unchanged without shared errors."""
     if stations.shared is None:
         return solved
-    precise, still = replace(stations, draws=_DRAWS), replace(stations, placement=PlacementRange(w, w))
+    # combinations that differ by less are as good
+    precise, still = replace(stations, draws=8192), replace(stations, placement=PlacementRange(w, w))
     given = [_postures(s, None if known is None else known[k]) for k, s in enumerate(solved)]
     found = precise.among(w, given)
     options = [np.array([s.q for s in solved]), *([] if known is None or not np.isfinite(known).all() else [known])]
@@ -97,8 +80,7 @@ def _tidied(stations: PlacedStations, w: Array, Q: Array) -> Array:
 
 
 def _postures(solved: Solution, known: Array | None) -> Array:
-    """(B, n) what one feature may do: its optima, some of the postures that were seen, and one that is known."""
-    seen = solved.feasible[:: max(len(solved.feasible) // _MOST_SEEN, 1)]
+    seen = solved.feasible[:: max(len(solved.feasible) // 12, 1)]
     rows = [solved.ranked, seen] if len(seen) else [solved.ranked]
     Q = np.vstack([solved.q[None], *rows, *([] if known is None else [known[None]])])
     return np.asarray(Q[is_clear(solved.problem.scene, Q)])
@@ -118,45 +100,24 @@ def _others(ended: Array, q: Array) -> Array:
 
 
 def _success(solved: Sequence[Solution]) -> float:
-    """The probability that all succeed."""
     return success_of_all([PlaceErrors.of(s.spread, s.basis, s.target.clearance) for s in solved]).probability
-
-
-_EXPLAINED_FEATURES = 3  # features that fail, for which the reason is looked into
-_MAX_OTHER_OPTIMA = 5
-_PROBED = 8  # placements that show whether the arm comes near to itself
-_STARTS_PER_PROBE = 8  # random postures of a feature there
-_SIGMA_TOLERANCE = 1e-4  # of a standard deviation: features that differ by less are the same
 
 
 def select_for_features(
     problem: ProblemData, *, seed: int | None = None, workers: int = 1, progress: Progress | None = None
 ) -> Solution:
-    """The placement and the postures whose spread hurts the task least.
-
-    ``min over w, q_1 … q_K`` of the largest or the mean standard deviation of the features, or of the probability that
-    one is missed; subject to the range of the placement and to all that holds for one posture.
-
-    Raises:
-        NoSolutionError: no placement at which every feature can be done; carries the one that fails least.
-        InputError: as `select_posture`.
-    """
+    """``min over w, q_1 … q_K`` of the features' spreads combined; raises as `select_posture`."""
     return with_fallbacks(problem, lambda one: _FeaturesSelection.of(one, seed).answer(workers, progress))
 
 
 @dataclass(frozen=True, eq=False)
 class _FeaturesSelection:
-    """The selection for one task with features.
-
-    Args:
-        placement: where the workpiece may stand.
-        seed: of the random placements and postures.
-    """
+    """The selection for one task with features."""
 
     problem: ProblemData
     task: Task
-    placement: PlacementRange
-    seed: int
+    placement: PlacementRange  # where the workpiece may stand
+    seed: int  # of the random placements and postures
 
     @classmethod
     def of(cls, problem: ProblemData, seed: int | None) -> _FeaturesSelection:
@@ -166,11 +127,6 @@ class _FeaturesSelection:
         return cls(problem, problem.task, placement, problem.solver.seed if seed is None else seed)
 
     def answer(self, workers: int, progress: Progress | None) -> Solution:
-        """The placement that is found to be best, with the best postures there.
-
-        Raises:
-            NoSolutionError: no placement at which every feature can be done.
-        """
         began = time.perf_counter()
         if not self.placement.free.any():
             return self._where_it_stands(workers, progress, began)
@@ -181,21 +137,15 @@ class _FeaturesSelection:
 
     @cached_property
     def _shared(self) -> Sources | None:
-        """The sources of which a part stays, where what counts is that all succeed; None where features err alone.
-
-        A peg fails with either end, which is not one circle at each feature: its probabilities are multiplied.
-        """
         sources = self.problem.task_sources
         stays = bool(np.any(np.diag(sources.constant) > 0))
         return sources if self.task.combine == "success" and stays and self.task.part is None else None
 
     @cached_property
     def _selector(self) -> PostureSelector:
-        """Of one feature: by the probability to miss it where that all succeed is asked for, else by the criterion."""
         return self._single({"criterion": "miss"} if self.task.combine == "success" else {})
 
     def _single(self, criterion: dict[str, str]) -> PostureSelector:
-        """The selector of one feature, with keys of the task replaced: the placed features are its targets."""
         first = self.task.features[0]
         clearances = [c for c in (self.task.clearance, *(f.clearance for f in self.task.features)) if c is not None]
         given = {
@@ -208,14 +158,7 @@ class _FeaturesSelection:
         return PostureSelector(single, compiled=compiled, keeps_mounting=True, offers=False)
 
     def _stations(self, guarded: bool | None = None) -> PlacedStations:
-        """The features as stations, with the engines that serve them.
-
-        Args:
-            guarded: as of `PostureSelector.engine`.
-
-        Raises:
-            InputError: a yaw that turns directions out of the plane of the arm, or an axis that the arm cannot hold.
-        """
+        """Features as stations with their engines; InputError for an axis that the arm cannot hold."""
         selector = self._selector
         targets = tuple(self._target(selector, feature) for feature in self.task.features)
         at = [target.moved(self.placement.centre) for target in targets]
@@ -226,9 +169,6 @@ class _FeaturesSelection:
         return PlacedStations(engines, targets, self.placement, self.task.combine, self._shared)
 
     def _target(self, selector: PostureSelector, feature: Any) -> TaskTarget:
-        """The target of a feature in the frame of the workpiece, with direction and clearance of its own or of the
-        task.
-        """
         target = selector.target.with_position(np.array(feature.position))
         direction = feature.direction or self.task.direction
         target = target.with_direction(np.array(direction), selector.reach)
@@ -236,11 +176,7 @@ class _FeaturesSelection:
         return replace(target, clearance=np.nan if clearance is None else clearance, lever=lever)
 
     def _check_plane(self, selector: PostureSelector) -> None:
-        """Refuses a yaw that would turn directions out of the plane of a planar arm.
-
-        Raises:
-            InputError: the plane is not level and the yaw is not zero.
-        """
+        """Refuse a yaw that would turn directions out of the plane of a planar arm."""
         normal = selector.reach.normal
         turns = self.placement.lower[3] != 0 or self.placement.upper[3] != 0
         if normal is not None and turns and abs(normal[2]) < 1 - 1e-9:
@@ -249,7 +185,6 @@ class _FeaturesSelection:
             raise InputError(replace(issue, hint=hint))
 
     def _search(self, workers: int, progress: Progress | None) -> PlacementSearch:
-        """As for one target: without rows that keep the arm clear of itself, unless the answer is not."""
         scene = self.problem.scene
 
         def clear(optimum: PlacementOptimum) -> bool:
@@ -263,14 +198,12 @@ class _FeaturesSelection:
         return search_placement(self._stations(guarded=True), self.seed, workers, progress)
 
     def _mostly_clear(self, free: PlacedStations) -> bool:
-        """Whether the best of some placements, without rows that keep the arm clear, is clear as it is."""
         rng = np.random.default_rng(self.seed)
-        found = free.best(free.in_plane(self.placement.drawn(_PROBED, rng)), _STARTS_PER_PROBE, rng)
+        found = free.best(free.in_plane(self.placement.drawn(8, rng)), 8, rng)
         best = int(np.argmin(found.loss))
         return not np.isfinite(found.loss[best]) or bool(is_clear(self.problem.scene, found.Q[best]).all())
 
     def _at(self, search: PlacementSearch, began: float) -> Solution:
-        """Every feature solved on its own where the workpiece is, from the joint answer and from random starts."""
         stations, optimum = search.stations, search.optima[0]
         solved = [
             self._selector.solve_target(target, self.seed, known=q if np.isfinite(q).all() else None)
@@ -293,19 +226,14 @@ class _FeaturesSelection:
             optimal=optimum.optimal,
             at_centre=figure.of(every, 0),
             typical=None if middle is None else figure.of(every, int(middle)),
-            others=tuple(figure.of(other.found, 0) for other in rest[:_MAX_OTHER_OPTIMA]),
+            others=tuple(figure.of(other.found, 0) for other in rest[:5]),
         )  # fmt: skip
 
     def _solution(
         self, stations: PlacedStations, w: Array, solved: Sequence[Solution], statistics: PlacementStatistics,
         *, optimal: bool = True, **beside: Any,
     ) -> Solution:  # fmt: skip
-        """The answer with postures near each other: ties and whole turns decided by the way between them.
-
-        Args:
-            w: (4,) the placement [m, rad], world.
-            beside: figures of other placements.
-        """
+        """Answer at w (4,) [m, rad], world; ties and whole turns decided by the way between postures."""
         robot = solved[0].optimisation_problem.robot
         solved = self._ties(solved)
         Q = np.array([solution.q for solution in solved])
@@ -321,10 +249,10 @@ class _FeaturesSelection:
         return joined_features(self.problem, solved, names, placement, status=status, notes=notes)
 
     def _ties(self, solved: Sequence[Solution]) -> Sequence[Solution]:
-        """Of postures that scatter alike, such as mirrored elbows, those that the joints travel least between."""
         if self.task.criterion != "worst" or self.task.combine == "success" or self.task.minimize:
             return solved
-        alike = [[a for a in s.optima if a.sigma_max <= (1 + _SIGMA_TOLERANCE) * s.critical.sigma_max] for s in solved]
+        # features that differ by less are equal
+        alike = [[a for a in s.optima if a.sigma_max <= (1 + 1e-4) * s.critical.sigma_max] for s in solved]
         options = [
             np.array([s.q, *(list(a.posture.values()) for a in same)]) for s, same in zip(solved, alike, strict=True)
         ]
@@ -333,11 +261,7 @@ class _FeaturesSelection:
         return [replace(s, q=each[k]) if k else s for s, each, k in zip(solved, options, chosen, strict=True)]
 
     def _where_it_stands(self, workers: int, progress: Progress | None, began: float) -> Solution:
-        """The answer for a placement that is fixed: the features are single problems, and what joins them is the order.
-
-        Raises:
-            NoSolutionError: some feature cannot be done there.
-        """
+        """Answer for a fixed placement: single problems, joined by the order of visits."""
         selector, stations, w = self._selector, self._stations(), self.placement.lower
         solved: list[Solution] = []
         for k, target in enumerate(stations.at(w)):
@@ -358,7 +282,6 @@ class _FeaturesSelection:
         return self._solution(stations, w, postures_together(stations, w, solved), statistics)
 
     def _explained(self) -> FeaturesFailure:
-        """The inquiry into a failure, with rows that keep the arm clear."""
         return FeaturesFailure(self.problem, self.task, self._stations(guarded=True), self.seed, self._selector, _does)
 
     def can_be_done(self) -> bool:
@@ -368,7 +291,6 @@ class _FeaturesSelection:
         return all(self._selector.can_be_done(target) for target in self._stations().at(self.placement.lower))
 
     def _failure(self, search: PlacementSearch, began: float) -> NoSolutionError:
-        """The error with the placement at which least is missing, and why the features fail there that do."""
         stations, every = search.stations, search.screened
         m = int(np.argmin(failing(every)))
         selector = self._selector
@@ -377,7 +299,7 @@ class _FeaturesSelection:
         errors: list[NoSolutionError] = []
         solved: list[Solution] = []
         failed = [int(k) for k in np.flatnonzero(every.gap[m] > 0)]
-        for k in failed[:_EXPLAINED_FEATURES]:
+        for k in failed[:3]:
             try:
                 solved.append(selector.solve_target(stations.targets[k].moved(every.W[m]), self.seed, 8))
             except NoSolutionError as error:
@@ -388,7 +310,6 @@ class _FeaturesSelection:
 
 
 def _does(problem: ProblemData) -> bool:
-    """Whether a changed problem with features is solved."""
     try:
         return _FeaturesSelection.of(problem, None).can_be_done()
     except InputError:  # no such problem can be stated

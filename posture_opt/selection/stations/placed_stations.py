@@ -20,36 +20,19 @@ from posture_opt.selection.tasks.workpiece import Combine
 from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.uncertainty.spread.shared_draws import ErrorParts, SharedDraws
 
-_EXCHANGED_STARTS = 2  # combinations, the best ones, in which postures are exchanged
-_MAX_SWEEPS = 8
-
 
 @dataclass(frozen=True)
 class Branches:
-    """What one feature may do at one placement.
+    """What one feature may do at one placement."""
 
-    Args:
-        Q: (B, n) postures.
-        success: (B, N) probability given each draw of the errors that stay.
-        log_miss: (B,) of the posture alone.
-        extra: (B,) further terms of the objective.
-    """
-
-    Q: Array
-    success: Array
-    log_miss: Array
-    extra: Array
+    Q: Array  # (B, n) postures
+    success: Array  # (B, N) probability given each draw of the errors that stay
+    log_miss: Array  # (B,) of the posture alone
+    extra: Array  # (B,) further terms of the objective
 
 
 def combination_losses(p_all: Array, log_miss: Array, extra: Array) -> Array:
-    """(S,) ``log(−log P) + Σ e_k/K`` of combinations of K postures, as `combined_numbers` where errors are independent.
-
-    Averages of draws say nothing where P is nearly 1: there it is kept within what the single probabilities allow,
-    ``max_k m_k ≤ 1 − P ≤ Σ m_k``.
-
-    Args:
-        p_all: (S,) averages over the draws; ``log_miss`` and ``extra`` (S, K).
-    """
+    """(S,) ``log(−log P) + Σ e_k/K``, P kept within ``max_k m_k ≤ 1 − P ≤ Σ m_k`` (draws fail near P = 1)."""
     miss = np.exp(np.minimum(log_miss, -1e-9))
     least, most = miss.max(axis=1), miss.sum(axis=1)
     slight = 1e-9 * np.prod(1 - miss, axis=1)  # where no draw succeeds, products are compared
@@ -58,17 +41,13 @@ def combination_losses(p_all: Array, log_miss: Array, extra: Array) -> Array:
 
 
 def best_combination(features: Sequence[Branches], revolute: Mask) -> tuple[Codes, float]:
-    """(K,) which posture each feature takes, and the loss of the combination.
-
-    Args:
-        revolute: (n,) joints for which whole turns make no difference.
-    """
+    """(K,) the posture of each feature, and the loss; ``revolute`` (n,) joints count but for whole turns."""
     starts = np.vstack([
         [int(np.argmin(f.log_miss + f.extra)) for f in features], _families(features, revolute), _greedy(features),
     ])  # fmt: skip
     starts = np.unique(starts, axis=0)
     losses = _losses(features, starts)
-    chosen = np.argsort(losses, kind="stable")[:_EXCHANGED_STARTS]
+    chosen = np.argsort(losses, kind="stable")[:2]
     ends = [_exchanged(features, starts[s], float(losses[s])) for s in chosen]
     return min(ends, key=lambda end: end[1])
 
@@ -111,12 +90,11 @@ def _greedy(features: Sequence[Branches]) -> Codes:
 
 
 def _exchanged(features: Sequence[Branches], chosen: Codes, loss: float) -> tuple[Codes, float]:
-    """A combination with its postures exchanged one at a time, for as long as that makes its loss smaller."""
     success, log_miss, extra = (
         np.array([getattr(f, name)[b] for f, b in zip(features, chosen, strict=True)])
         for name in ("success", "log_miss", "extra")
     )
-    for _ in range(_MAX_SWEEPS):
+    for _ in range(8):
         before = loss
         for k, feature in enumerate(features):
             others = np.prod(np.delete(success, k, axis=0), axis=0)
@@ -134,34 +112,21 @@ def _exchanged(features: Sequence[Branches], chosen: Codes, loss: float) -> tupl
 
 _COLUMNS = ("W", "Q", "main", "extra", "sigma", "gap", "loss")
 _OF_STATION = ("main", "extra", "sigma", "gap")
-_PROBED = 32  # placements, by which the leading combinations of the errors that stay are found
-_BRANCHES = 6  # postures of a feature at a placement that are combined with those of the others, at most
-_DRAWS = 256  # of the errors that stay, to compare combinations by
-_JOINT_SHARE = 4  # one in so many of them is in the joint program
 
 
 @dataclass(frozen=True)
 class Postures:
-    """The best posture found of each of K stations at each of M placements.
+    """The best posture found of each of K stations at each of M placements."""
 
-    Args:
-        W: (M, 4) placements.
-        Q: (M, K, n) postures, NaN where nothing was found.
-        main: (M, K) first term of the objective, infinite where no posture is feasible; extra: (M, K) further terms.
-        sigma: (M, K) largest standard deviation of the part that counts [m].
-        gap: (M, K) zero where a posture is feasible; else the least error of the inverse kinematics or of a row.
-        loss: (M,) objective of all stations together, infinite where one cannot be done.
-        tried: random postures that were led to targets.
-    """
-
-    W: Array
-    Q: Array
+    W: Array  # (M, 4) placements
+    Q: Array  # (M, K, n) postures, NaN where nothing was found
+    # (M, K) first term of the objective, infinite where no posture is feasible; extra: (M, K) further terms
     main: Array
     extra: Array
-    sigma: Array
-    gap: Array
-    loss: Array
-    tried: int = 0
+    sigma: Array  # (M, K) largest standard deviation of the part that counts [m]
+    gap: Array  # (M, K) zero where a posture is feasible; else the least error of the inverse kinematics or of a row
+    loss: Array  # (M,) objective of all stations together, infinite where one cannot be done
+    tried: int = 0  # random postures that were led to targets
 
     def rows(self, chosen: Codes) -> Postures:
         """The placements of the ``chosen`` rows, in this order."""
@@ -175,23 +140,16 @@ class Postures:
 
 @dataclass(frozen=True)
 class PlacedStations(DerivedAgain):
-    """K stations on one workpiece.
+    """K stations on one workpiece."""
 
-    Args:
-        engines: of each station; those of one kind share one.
-        targets: in the frame of the workpiece, with one scale.
-        placement: where the workpiece may stand.
-        shared: sources whose constant part moves all stations at once, where what counts is that all succeed; None
-            where the stations are independent.
-        draws: of these errors, by which combinations are compared.
-    """
-
-    engines: tuple[Engine, ...] = field(repr=False)
-    targets: tuple[TaskTarget, ...]
-    placement: PlacementRange
+    engines: tuple[Engine, ...] = field(repr=False)  # of each station; those of one kind share one
+    targets: tuple[TaskTarget, ...]  # in the frame of the workpiece, with one scale
+    placement: PlacementRange  # where the workpiece may stand
     combine: Combine
+    # sources whose constant part moves all stations at once, where what counts is that all succeed; None where the
+    # stations are independent
     shared: Sources | None = None
-    draws: int = _DRAWS
+    draws: int = 256  # of these errors, by which combinations are compared
 
     def __reduce__(self) -> tuple[Any, ...]:
         return PlacedStations, (self.engines, self.targets, self.placement, self.combine, self.shared, self.draws)
@@ -232,7 +190,7 @@ class PlacedStations(DerivedAgain):
         for k, (engine, target) in enumerate(zip(self.engines, self.targets, strict=True)):
             own = np.zeros((0, engine.robot.n)) if known is None else known[:, k]
             own, targets = own[np.isfinite(own).all(axis=1)], [target.moved(w) for w in W]
-            branches = 0 if self.shared is None else _BRANCHES
+            branches = 0 if self.shared is None else 6
             candidates.append(station_candidates(engine, targets, starts, own, rng, branches))
         return self._chosen(W, candidates, starts * len(W) * len(self.targets))
 
@@ -244,7 +202,6 @@ class PlacedStations(DerivedAgain):
         return self._chosen(w[None], found, 0)
 
     def _chosen(self, W: Array, candidates: Sequence[StationCandidates], tried: int) -> Postures:
-        """The best of the candidates of each station: each on its own, or all together where they share errors."""
         parts = zip(*(of_station.best() for of_station in candidates), strict=True)
         Q, main, extra, sigma, gap = (np.stack(part, axis=1) for part in parts)
         alone = Postures(W, Q, main, extra, sigma, gap, combined_numbers(self.combine, main, extra), tried)
@@ -263,9 +220,7 @@ class PlacedStations(DerivedAgain):
         return replace(found, Q=Q, loss=loss, **best, tried=found.tried + other.tried)
 
     def losses(self, W: Array, Q: Array, main: Array, extra: Array) -> Array:
-        """(M,) the objective of all stations together at placements W (M, 4) with postures Q (M, K, n), as the joint
-        problem has it; infinite where a first term ``main`` (M, K) is.
-        """
+        """(M,) objective of all stations at W (M, 4), Q (M, K, n); infinite where ``main`` (M, K) is."""
         loss = combined_numbers(self.combine, main, extra)
         rows = np.flatnonzero(np.isfinite(main).all(axis=1))
         if self.shared is None or not len(rows):
@@ -283,26 +238,22 @@ class PlacedStations(DerivedAgain):
 
     @cached_property
     def _errors(self) -> list[StationErrors]:
-        """Of each station; those of one kind share one."""
         assert self.shared is not None, "independent stations have no errors in common"
         of = {id(e): StationErrors(e.optimisation_problem, self.shared) for e in self.engines}
         return [of[id(engine)] for engine in self.engines]
 
     @cached_property
     def _draws(self) -> SharedDraws:
-        """Draws of the errors that stay, in the combinations of them that move some postures at some placements."""
-        rng, W = np.random.default_rng(0), self.placement.drawn(_PROBED, np.random.default_rng(0))
-        every = np.arange(_PROBED)
-        probed = [self._errors_at(k, W, every, e.ik.random_postures(_PROBED, rng)) for k, e in enumerate(self.engines)]
+        rng, W = np.random.default_rng(0), self.placement.drawn(32, np.random.default_rng(0))
+        every = np.arange(32)
+        probed = [self._errors_at(k, W, every, e.ik.random_postures(32, rng)) for k, e in enumerate(self.engines)]
         return SharedDraws.of([errors.shared for errors in probed], self.draws)
 
     @cached_property
     def _joint_errors(self) -> SharedSuccess | None:
-        """What the joint problem knows of the errors that stay; None where the stations are independent."""
-        return None if self.shared is None else SharedSuccess(self.shared, self._draws.delta[::_JOINT_SHARE])
+        return None if self.shared is None else SharedSuccess(self.shared, self._draws.delta[::4])
 
     def _together(self, alone: Postures, candidates: Sequence[StationCandidates]) -> Postures:
-        """The same placements, where all stations can be done with the combination of candidates that is best."""
         names = ("main", "extra", "sigma")
         found: dict[str, Any] = {name: np.array(getattr(alone, name)) for name in ("Q", "loss", *names)}
         success = [self._draws.success(self._errors_at(k, alone.W, c.of, c.Q)) for k, c in enumerate(candidates)]

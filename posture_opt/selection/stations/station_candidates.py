@@ -14,33 +14,18 @@ from posture_opt.selection.search.engine import STEPS, Engine
 from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE, TOLERANCE
 from posture_opt.selection.search.inverse_kinematics import STEPS as IK_STEPS
 
-_STARTS_PER_SEARCH = (
-    8  # one in so many of a feature's random postures is improved, two at the least, the promising ones
-)
-
-_STEPS_AT_MANY = 20  # of a local search where placements are compared: more are taken by searches that end nowhere
-
 
 @dataclass(frozen=True)
 class StationCandidates:
-    """R postures of one station at M placements.
+    """R postures of one station at M placements."""
 
-    Args:
-        of: (R,) placement of each.
-        Q: (R, n) postures.
-        main, extra: (R,) first term and further terms of the objective.
-        sigma: (R,) largest standard deviation of the part that counts [m].
-        excess: (R,) violation of the rows, zero where they are met.
-        gap: (M,) least error of the inverse kinematics, and how far the target is off the plane of the arm.
-    """
-
-    of: Codes
-    Q: Array
-    main: Array
+    of: Codes  # (R,) placement of each
+    Q: Array  # (R, n) postures
+    main: Array  # main, extra: (R,) first term and further terms of the objective
     extra: Array
-    sigma: Array
-    excess: Array
-    gap: Array
+    sigma: Array  # (R,) largest standard deviation of the part that counts [m]
+    excess: Array  # (R,) violation of the rows, zero where they are met
+    gap: Array  # (M,) least error of the inverse kinematics, and how far the target is off the plane of the arm
 
     def at(self, m: int) -> Codes:
         """The feasible ones at placement m."""
@@ -63,12 +48,7 @@ def station_candidates(
     engine: Engine, targets: Sequence[TaskTarget], starts: int, known: Array, rng: np.random.Generator,
     branches: int = 0,
 ) -> StationCandidates:  # fmt: skip
-    """Postures of one station at M targets, from random starts and from ``known`` postures (J, n).
-
-    Args:
-        branches: how many distinct ones are wanted of each target, the known ones as they are beside them; zero for the
-            best one.
-    """
+    """Postures at M targets, random starts and ``known`` (J, n); ``branches`` distinct ones of each, 0: best."""
     count, M = starts + len(known), len(targets)
     drawn = engine.ik.random_postures(starts * M, rng).reshape(M, starts, engine.robot.n)
     begun = np.concatenate([drawn, np.broadcast_to(known, (M, *known.shape))], axis=1)
@@ -80,10 +60,10 @@ def station_candidates(
     if branches:
         rows = _promising(engine, targets, Q, of, _distinct(engine, Q, of, arrived), branches)
     else:
-        rows = _promising(engine, targets, Q, of, arrived, max(2, count // _STARTS_PER_SEARCH))
+        rows = _promising(engine, targets, Q, of, arrived, max(2, count // 8))
     ends, placements = np.zeros((0, engine.robot.n)), of[rows]
     if len(rows):
-        steps = STEPS if M == 1 else _STEPS_AT_MANY
+        steps = STEPS if M == 1 else 20  # more are taken by searches that end nowhere
         ends = engine.descended_each(Q[rows], targets, placements, steps).q
     if branches and len(known):
         # What the errors that stay make of a posture is not in its own optimum.
@@ -128,7 +108,6 @@ def _distinct(engine: Engine, Q: Array, of: Codes, arrived: Array) -> Array:
 
 
 def _promising(engine: Engine, targets: Sequence[TaskTarget], Q: Array, of: Codes, arrived: Array, most: int) -> Codes:
-    """The rows to be improved: of each target those that violate least, and of these the best ones."""
     rows = np.flatnonzero(arrived)
     if not len(rows):
         return rows

@@ -23,20 +23,13 @@ from posture_opt.uncertainty.moments.pose_covariance import covariance_root
 from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.uncertainty.spread.shared_draws import ErrorParts
 
-_NODES = 16  # of the quadrature over a circle
-_LEAST_SCATTER = 0.15  # of the clearance: narrower scatter is neither smooth in the draws nor seen by the nodes
-
 
 @dataclass(frozen=True, eq=False)
 class StationErrors(DerivedAgain):
-    """The errors of the tool point in the m directions that count, over the clearance.
-
-    Args:
-        sources: whose constant part, of r errors, is one draw for all stations.
-    """
+    """The errors of the tool point in the m directions that count, over the clearance."""
 
     problem: OptimisationProblem
-    sources: Sources
+    sources: Sources  # whose constant part, of r errors, is one draw for all stations
 
     @cached_property
     def symbols(self) -> tuple[ca.SX, ca.SX, ca.SX]:
@@ -80,34 +73,28 @@ class StationErrors(DerivedAgain):
         return ErrorParts.of(bias, shared.reshape(-1, r, m).swapaxes(1, 2), C.reshape(-1, m, m))
 
     def success(self, delta: Array) -> ca.Function:
-        """``(x, p) -> (N, 1)``, the probability given each of the draws ``delta`` (N, r), smooth in both.
-
-        Scatter counts as at least `_LEAST_SCATTER` of the clearance in every direction.
-        """
+        """``(x, p) -> (N, 1)`` probability given the draws ``delta`` (N, r), smooth in both."""
         nlp, (bias, shared, C) = self.problem.nlp, self.symbols
         m, r = shared.shape
         b, A, S = ca.SX.sym("b", m), ca.SX.sym("A", m, r), ca.SX.sym("S", m, m)
         mean = ca.repmat(b, 1, len(delta)) + A @ ca.DM(delta.T)
         conditional = ca.Function("given_draws", [b, A, S], [_within(mean, S).T])
-        scatter = C - shared @ shared.T + _LEAST_SCATTER**2 * ca.SX.eye(m)
+        # of the clearance: narrower scatter is neither smooth in the draws nor seen by the nodes
+        scatter = C - shared @ shared.T + 0.15**2 * ca.SX.eye(m)
         parts = ca.Function("parts", [nlp.x, nlp.p], [ca.densify(v) for v in (bias, shared, scatter)])
         x, p = ca.MX.sym("x", nlp.x.shape[0]), ca.MX.sym("p", nlp.p.shape[0])
         return ca.Function("success", [x, p], [conditional(*parts(x, p))])
 
 
 def _within(mean: ca.SX, covariance: ca.SX) -> ca.SX:
-    """(1, N) the probability that Gaussian points of this covariance (m, m) and means (m, N) lie in the unit circle.
-
-    ``∫ φ(x) [Φ((h − μ)/σ) − Φ((−h − μ)/σ)] dx`` along the first axis, ``x = sin θ``, ``h = cos θ``, with mean μ and
-    standard deviation σ of the second coordinate given the first.
-    """
+    """(1, N) ``∫ φ(x) [Φ((h − μ)/σ) − Φ((−h − μ)/σ)] dx`` in the unit circle, ``x = sin θ``, ``h = cos θ``."""
     s = ca.sqrt(covariance[0, 0])
     if mean.shape[0] == 1:
         return _between(1.0, mean, s)
     slope = covariance[1, 0] / covariance[0, 0]
     sigma = ca.sqrt(covariance[1, 1] - slope * covariance[1, 0])
     total = ca.SX(1, mean.shape[1])
-    for node, weight in zip(*np.polynomial.legendre.leggauss(_NODES), strict=True):
+    for node, weight in zip(*np.polynomial.legendre.leggauss(16), strict=True):
         x, h = math.sin(node * math.pi / 2), math.cos(node * math.pi / 2)
         away = x - mean[0, :]
         density = ca.exp(-((away / s) ** 2) / 2) / (math.sqrt(2 * math.pi) * s)
@@ -125,17 +112,7 @@ _POINT_PARAMETERS = ("lower", "upper")  # of the target's parameters; the other 
 
 
 class StationFunction:
-    """``(w, q, c) -> (f, extra, g)`` of one optimisation problem at the target that a placement moves ``c`` to.
-
-    ``f`` is the objective's first term and ``extra`` the sum of the further ones; ``g`` are rows between constant ends.
-
-    Args:
-        first: ``(x, p) -> f`` in place of the first term, with more than one entry where it likes.
-
-    Attributes:
-        call: the CasADi function, of symbols or numbers.
-        ends: lower and upper ends (m,) of ``g``.
-    """
+    """``(w, q, c) -> (f, extra, g)``: first and further terms, rows between constant ends, ``c`` moved by w."""
 
     def __init__(self, problem: OptimisationProblem, first: ca.Function | None = None) -> None:
         nlp = problem.nlp
@@ -168,7 +145,6 @@ def moved_parameters(c: Any, w: Any) -> Any:
 
 
 def _one_sided(row: Row) -> list[tuple[ca.SX, float, float]]:
-    """A row as expressions between constants: its bounds depend on the target, which depends on the placement."""
     if ca.is_equal(row.lower, row.upper, 2):
         return [(row.expression - row.lower, 0.0, 0.0)]
     sides = []
@@ -180,12 +156,10 @@ def _one_sided(row: Row) -> list[tuple[ca.SX, float, float]]:
 
 
 def _infinite(bound: ca.SX) -> bool:
-    """Whether a bound bounds nothing."""
     return bool(bound.is_constant()) and bool(np.isinf(float(bound)))
 
 
 def _in_reach(problem: OptimisationProblem) -> list[tuple[ca.SX, float, float]]:
-    """The target in the plane (or on the line) that the tool point never leaves."""
     reach = problem.reach
     off = problem.nlp.p[:3] - ca.DM(reach.offset)
     slack = float(reach.plane_slack)
@@ -193,7 +167,6 @@ def _in_reach(problem: OptimisationProblem) -> list[tuple[ca.SX, float, float]]:
 
 
 _VARIABLES_BEFORE_POSTURES = 5  # variables before the postures: the placement (4,) and the level that is minimised
-_MEAN_WEIGHT = 1e-4  # of the mean objective: stations that are not the worst are good too, at no cost to it
 _STEP_WEIGHT = 1e-4  # of the mean squared step [rad²]: makes the motion the only one
 BARRIER = 1e-3
 """Barrier that IPOPT starts with: starts are feasible and good, but the placement has a way to go."""
@@ -228,11 +201,7 @@ class StationsPoint:
 
 @dataclass(frozen=True)
 class StationsOutcome:
-    """Where one solve ended: the point, its objective, the worst row, the solver's words.
-
-    Args:
-        residual: the largest one of the optimality conditions, scaled.
-    """
+    """Where one solve ended: the point, its objective, the worst row, the solver's words."""
 
     point: StationsPoint
     objective: float
@@ -240,93 +209,59 @@ class StationsOutcome:
     optimal: bool
     message: str
     iterations: int
-    residual: float
+    residual: float  # the largest one of the optimality conditions, scaled
 
 
 @dataclass(frozen=True)
 class StationSteps:
-    """The S steps from each of K stations to the next, S = K − 1, and where they are closed back to the first, S = K.
+    """The S steps between K stations, S = K − 1, or S = K where they are closed."""
 
-    Args:
-        counted: (n,) joints whose steps count; the others stay where a solve starts.
-        parts: (S,) how many times each step counts where steps are compared with each other.
-        closed: whether a last step leads back to the first posture, or to one that is whole turns of joints away.
-    """
-
-    counted: Mask
-    parts: Array
+    counted: Mask  # (n,) joints whose steps count; the others stay where a solve starts
+    parts: Array  # (S,) how many times each step counts where steps are compared with each other
+    # whether a last step leads back to the first posture, or to one that is whole turns of joints away
     closed: bool = False
 
 
 @dataclass(frozen=True, eq=False)
 class SharedSuccess:
-    """Errors that move all stations at once, for the probability that all succeed.
+    """Errors that move all stations at once, for the probability that all succeed."""
 
-    Args:
-        sources: whose constant part stays.
-        delta: (N, r) draws of it that the probability is averaged over.
-    """
-
-    sources: Sources
-    delta: Array
+    sources: Sources  # whose constant part stays
+    delta: Array  # (N, r) draws of it that the probability is averaged over
 
 
 @dataclass(frozen=True)
 class _Program:
-    """A solver with its rows and the level (its objective without ties) as functions of ``(x, p)``.
-
-    Args:
-        bounded: how many of the last rows are steps, between bounds that each solve has.
-    """
+    """A solver with its rows and the level (its objective without ties) as functions of ``(x, p)``."""
 
     solver: NonlinearSolver
     rows: ca.Function
     level: ca.Function
-    bounded: int = 0
+    bounded: int = 0  # how many of the last rows are steps, between bounds that each solve has
 
 
 @dataclass(frozen=True, eq=False)
 class StationsProblem(DerivedAgain):
-    """``min over w, q_1 … q_K`` of the stations' objectives taken together, subject to the rows of all of them.
+    """``min over w, q_1 … q_K`` of combined objectives, ``|q_{k+1} − q_k| ≤ most_k``; worst: ``min t``, ``f_k ≤ t``."""
 
-    ``worst`` is ``min t`` with ``f_k ≤ t``; steps add ``|q_{k+1} − q_k| ≤ most_k``, of each joint that counts.
-
-    Args:
-        stations: K of them, with one scale.
-        lower, upper: (4,) of the placement; equal where a coordinate is fixed.
-        combine: as of `combined_symbols`; ``worst`` where there are steps.
-        barrier: that IPOPT starts with, less where the start is nearly the optimum.
-        steps: between neighbours; None where each posture is free of the others.
-        shared: where what counts is that all succeed, errors that the stations share; None where they share none.
-    """
-
-    stations: tuple[Station, ...]
-    lower: Array
+    stations: tuple[Station, ...]  # K of them, with one scale
+    lower: Array  # lower, upper: (4,) of the placement; equal where a coordinate is fixed
     upper: Array
-    combine: Combine = "worst"
-    steps: StationSteps | None = None
+    combine: Combine = "worst"  # as of `combined_symbols`; worst where there are steps
+    steps: StationSteps | None = None  # between neighbours; None where each posture is free of the others
     max_iterations: int = 300
-    barrier: float = BARRIER
+    barrier: float = BARRIER  # that IPOPT starts with, less where the start is nearly the optimum
+    # where what counts is that all succeed, errors that the stations share; None where they share none
     shared: SharedSuccess | None = None
 
     def solve(self, start: StationsPoint, most: Array | float = np.inf, turns: Array | float = 0.0) -> StationsOutcome:
-        """The local optimum of IPOPT from a start, which should be feasible.
-
-        Args:
-            most: (S, n), or what they all are: how far each joint may move in each step [rad or m].
-            turns: (n,) how far from the first posture closed steps end [rad]: whole turns.
-        """
+        """Local optimum near a start; steps up to ``most`` (S, n), closing ``turns`` (n,) away [rad or m]."""
         return self._solved(self._least_objective, start, most=most, turns=turns)
 
     def least_step(
         self, start: StationsPoint, weights: Array | None = None, turns: Array | float = 0.0
     ) -> StationsOutcome:
-        """The postures whose largest step is least, whatever the objectives.
-
-        Args:
-            weights: (S, n) by which the steps of each joint count; default: by ``parts`` of the steps.
-            turns: as of `solve`.
-        """
+        """Postures of least largest step, weighted by ``weights`` (S, n), whatever the objectives."""
         assert self.steps is not None, "stations that are not joined have no steps"
         each = np.asarray(self.steps.parts, dtype=float)[:, None] if weights is None else weights
         return self._solved(self._least_step, start, weights=each, turns=turns)
@@ -339,7 +274,6 @@ class StationsProblem(DerivedAgain):
         weights: Array | float = 0.0,
         turns: Array | float = 0.0,
     ) -> StationsOutcome:
-        """Where a program ends from a start; the level begins at its value there."""
         Q = np.asarray(start.Q, dtype=float)
         lower, upper = self._bounds(Q, turns)
         p = self._step_parameters(weights, turns)
@@ -358,9 +292,6 @@ class StationsProblem(DerivedAgain):
         )
 
     def _bounds(self, Q: Array, turns: Array | float) -> tuple[Array, Array]:
-        """Of all variables; the level is fixed at zero where it bounds nothing, a posture that is come back to whole
-        turns away has to be within the limits there too.
-        """
         robot, level = self.stations[0].optimisation_problem.robot, np.inf if self.combine == "worst" else 0.0
         idle = np.zeros(robot.n, dtype=bool) if self.steps is None else ~self.steps.counted
         low, high = (np.where(idle, Q, np.asarray(ends)) for ends in (robot.lower, robot.upper))
@@ -368,7 +299,6 @@ class StationsProblem(DerivedAgain):
         return np.concatenate([self.lower, [-level], low.ravel()]), np.concatenate([self.upper, [level], high.ravel()])
 
     def _row_ends(self, program: _Program, most: Array | float) -> tuple[Array, Array]:
-        """Those of the stations' rows, zero and infinity of those to be positive, and the bounds of the steps."""
         lower, upper = (np.concatenate([np.tile(f.ends[i], len(of)) for f, of in self._functions]) for i in (0, 1))
         others = int(program.rows.numel_out(0)) - len(lower) - program.bounded
         bounds = np.zeros(0)
@@ -380,7 +310,6 @@ class StationsProblem(DerivedAgain):
         )  # fmt: skip
 
     def _step_parameters(self, weights: Array | float, turns: Array | float) -> Array:
-        """What a solve says of steps: whole turns (m,) and weights (m S,) of the counted joints, if there are steps."""
         if self.steps is None:
             return np.zeros(0)
         n, counted = len(self.steps.counted), self.steps.counted
@@ -389,7 +318,6 @@ class StationsProblem(DerivedAgain):
 
     @cached_property
     def _least_objective(self) -> _Program:
-        """The stations' objectives combined; with steps their bound and a tie-break besides."""
         x, p, main, extra, rows = self._expressions
         if self.shared is not None:
             objective = combined_success(main, extra)
@@ -403,12 +331,12 @@ class StationsProblem(DerivedAgain):
             return self._program(x, p, level, objective, rows)
         moved, parts = self._moved(x, p, self.steps), ca.DM(np.asarray(self.steps.parts, dtype=float)).T
         even = moved * ca.repmat(parts, moved.shape[0], 1)
-        tie = _MEAN_WEIGHT * ca.sum1(values) / len(self.stations) + _STEP_WEIGHT * ca.sumsqr(even) / even.shape[1]
+        # stations that are not the worst are good too
+        tie = 1e-4 * ca.sum1(values) / len(self.stations) + _STEP_WEIGHT * ca.sumsqr(even) / even.shape[1]
         return self._program(x, p, level + tie, objective, [*rows, ca.vec(moved)], int(moved.numel()))
 
     @cached_property
     def _least_step(self) -> _Program:
-        """The largest step as the level; the objectives break ties."""
         assert self.steps is not None, "stations that are not joined have no steps"
         x, p, main, extra, rows = self._expressions
         weights, level = ca.reshape(p[int(self.steps.counted.sum()) :], -1, len(self.steps.parts)), x[4]
@@ -421,11 +349,6 @@ class StationsProblem(DerivedAgain):
     def _program(
         self, x: ca.MX, p: ca.MX, objective: ca.MX, level: ca.MX, rows: Sequence[ca.MX], bounded: int = 0
     ) -> _Program:
-        """A solver of ``objective`` subject to ``rows``, with functions of the rows and of the level.
-
-        Args:
-            bounded: as of `_Program`.
-        """
         g = ca.vertcat(*rows)
         # The second derivatives of an average over draws cost more than the iterations that they save.
         approximate = {} if self.shared is None else _AVERAGE_OPTIONS
@@ -435,10 +358,7 @@ class StationsProblem(DerivedAgain):
 
     @cached_property
     def _expressions(self) -> tuple[ca.MX, ca.MX, ca.MX, ca.MX, list[ca.MX]]:
-        """Variables, what a solve says of its steps, first and further terms of the objectives, rows of the stations.
-
-        First terms are (K, 1), or (K, N) probabilities given draws of shared errors; further ones (K, 1).
-        """
+        """Variables, parameters, first terms (K, 1) or (K, N) given draws, further terms (K, 1), rows."""
         n, K = self.stations[0].optimisation_problem.robot.n, len(self.stations)
         x, p = ca.MX.sym("x", _VARIABLES_BEFORE_POSTURES + n * K), ca.MX.sym("p", len(self._step_parameters(0.0, 0.0)))
         parts = []
@@ -451,14 +371,12 @@ class StationsProblem(DerivedAgain):
 
     @cached_property
     def _functions(self) -> list[tuple[StationFunction, list[int]]]:
-        """A function for each optimisation problem, and the stations that it serves."""
         served: dict[int, list[int]] = {}
         for k, station in enumerate(self.stations):
             served.setdefault(id(station.optimisation_problem), []).append(k)
         return [(self._function(self.stations[of[0]].optimisation_problem), of) for of in served.values()]
 
     def _function(self, problem: OptimisationProblem) -> StationFunction:
-        """Of one optimisation problem; where errors are shared, its first term is the success given each draw."""
         if self.shared is None:
             return StationFunction(problem)
         return StationFunction(problem, StationErrors(problem, self.shared.sources).success(self.shared.delta))
