@@ -17,10 +17,10 @@ from posture_opt.selection.search.relaxation import plane_reason
 
 Plane = Literal["xy", "xz", "yz"]
 
-_LONGER_SIDE_TARGETS = 17  # targets along it by default: a map of some seconds
-
-
-ALIGNED = 1e-9  # off one, of the largest component of a unit vector along an axis: rounding
+_LONGER_SIDE_TARGETS = 17
+"""Targets along it by default: a map of some seconds."""
+_ALIGNED = 1 - 1e-9
+"""Least component along an axis of the world of a unit vector that lies along it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,25 +55,21 @@ class Grid:
     @cached_property
     def neighbours(self) -> tuple[tuple[Codes, Codes], ...]:
         """For every direction to one of the neighbours: the targets that have one there, and those neighbours."""
-        index = np.arange(math.prod(self.shape)).reshape(self.shape)
-        steps = [(0, 0, 1), (0, 1, 0), (1, 0, 0), (0, 1, 1), (0, 1, -1)]
-        pairs = []
-        for step in steps:
-            here = index[tuple(slice(max(-s, 0), n - max(s, 0)) for s, n in zip(step, self.shape, strict=True))].ravel()
-            there = index[
-                tuple(slice(max(s, 0), n - max(-s, 0)) for s, n in zip(step, self.shape, strict=True))
-            ].ravel()
-            pairs += [(here, there), (there, here)] if len(here) else []
+        index, pairs = np.arange(math.prod(self.shape)).reshape(self.shape), []
+        for step in ((0, 0, 1), (0, 1, 0), (1, 0, 0), (0, 1, 1), (0, 1, -1)):
+            here, there = (
+                index[tuple(slice(max(-d * s, 0), n - max(d * s, 0)) for s, n in zip(step, self.shape, strict=True))]
+                for d in (1, -1)
+            )
+            pairs += [(here.ravel(), there.ravel()), (there.ravel(), here.ravel())] if here.size else []
         return tuple(pairs)
 
     def cells(self, points: Array) -> Codes:
         """(N,) target whose cell holds each point (N, 3) [m], world; −1 outside of all."""
-        at = self.coordinates(points)
-        sides = self.sides
         index, inside = [], np.ones(len(points), dtype=bool)
-        for k, values in enumerate(self.values):
-            nearest = np.abs(at[:, k, None] - values).argmin(axis=1)
-            inside &= np.abs(at[:, k] - values[nearest]) <= sides[k] / 2
+        for at, values, side in zip(self.coordinates(points).T, self.values, self.sides, strict=True):
+            nearest = np.abs(at[:, None] - values).argmin(axis=1)
+            inside &= np.abs(at - values[nearest]) <= side / 2
             index.append(nearest)
         return np.where(inside, np.ravel_multi_index(tuple(index[::-1]), self.shape), -1)
 
@@ -96,7 +92,7 @@ class Grid:
 
 def along_world_axes(axes: Array) -> bool:
     """Whether unit vectors (k, 3), one a row, all lie along axes of the world."""
-    return bool(np.all(np.max(np.abs(axes), axis=1) > 1 - ALIGNED))
+    return bool(np.all(np.max(np.abs(axes), axis=1) > _ALIGNED))
 
 
 @dataclass(frozen=True)
@@ -108,8 +104,13 @@ class GridRequest:
     high: tuple[float, float, float] | None = None
     plane: Plane | None = None  # of the world's axes; default: across the direction of the task
 
+    @property
+    def box(self) -> tuple[Array, Array] | None:
+        """Corners (3,) [m], world."""
+        return None if self.low is None or self.high is None else (np.array(self.low), np.array(self.high))
+
     def check(self) -> None:
-        """Raise InputError where counts and corners make no grid, all faults at once."""
+        """Raise InputError with all faults of counts, corners and plane at once."""
         issues = [*self._count_issues(), *self._corner_issues()]
         if self.plane is not None and self.plane not in get_args(Plane):
             hint = f"write one of: {', '.join(get_args(Plane))}"
@@ -120,19 +121,17 @@ class GridRequest:
     def _count_issues(self) -> list[Issue]:
         if self.counts is None:
             return []
-        text, key, hint = (
-            "x".join(map(str, self.counts)),
-            ("--grid",),
-            "write for example 15x15, or 9x9x1 along x, y, z",
-        )
-        if len(self.counts) not in (2, 3) or min(self.counts) < 1:
-            return [Issue(f"{text} is no grid", key, text, hint)]
-        if max(self.counts) < 2:
-            return [Issue("one target is no map", key, text, hint)]
+        text, hint = "x".join(map(str, self.counts)), "write for example 15x15, or 9x9x1 along x, y, z"
         total = math.prod(self.counts)
-        if total > MOST_MAP_TARGETS.most:
-            return [Issue(MOST_MAP_TARGETS.message(total), key, text, MOST_MAP_TARGETS.hint)]
-        return []
+        if len(self.counts) not in (2, 3) or min(self.counts) < 1:
+            message = f"{text} is no grid"
+        elif max(self.counts) < 2:
+            message = "one target is no map"
+        elif total > MOST_MAP_TARGETS.most:
+            message, hint = MOST_MAP_TARGETS.message(total), MOST_MAP_TARGETS.hint
+        else:
+            return []
+        return [Issue(message, ("--grid",), text, hint)]
 
     def _corner_issues(self) -> list[Issue]:
         if (self.low is None) != (self.high is None):
@@ -158,7 +157,9 @@ class GridRequest:
 def grid_of(request: GridRequest, target: TaskTarget, reach: Reach, points: Array, middle: Array | None) -> Grid:
     """Grid for a task, from tool points (M, 3) [m] all over the workspace, laid about ``middle`` (3,) [m], world."""
     request.check()
-    _check_plane(request, target, reach)
+    asked = target if request.box is None else replace(target, lower=request.box[0], upper=request.box[1])
+    if (outside := plane_reason(reach, asked)) is not None:
+        raise NoSolutionError(outside.message)
     axes = _frame(request, target, reach)
     aligned = along_world_axes(axes)
     if not aligned and (request.low is not None or (request.counts is not None and len(request.counts) == 3)):
@@ -177,21 +178,9 @@ def grid_of(request: GridRequest, target: TaskTarget, reach: Reach, points: Arra
         ends[:, 2] = (reach.offset - origin) @ axes[2]
     counts = _counts(request, axes, ends[1] - ends[0])
     order = [0, 1, 2] if max(counts[:2]) > 1 else [2, 0, 1]  # a line is drawn along the first axis
-    u, v, w = (_values(ends[0, k], ends[1, k], counts[k]) for k in order)
+    (low, high), middle = ends, ends.mean(axis=0, keepdims=True)
+    u, v, w = (np.linspace(low[k], high[k], counts[k]) + 0.0 if counts[k] > 1 else middle[:, k] + 0.0 for k in order)
     return Grid(origin, axes[order], (u, v, w))
-
-
-def _check_plane(request: GridRequest, target: TaskTarget, reach: Reach) -> None:
-    if request.low is not None and request.high is not None:
-        target = replace(target, lower=np.array(request.low), upper=np.array(request.high))
-    outside = plane_reason(reach, target)
-    if outside is not None:
-        raise NoSolutionError(outside.message)
-
-
-def _values(low: float, high: float, count: int) -> Array:
-    """Values (count,) [m] from ``low`` to ``high``; the middle where there is one."""
-    return np.asarray((np.linspace(low, high, count) if count > 1 else np.array([(low + high) / 2])) + 0.0)
 
 
 def _frame(request: GridRequest, target: TaskTarget, reach: Reach) -> Array:
@@ -200,80 +189,63 @@ def _frame(request: GridRequest, target: TaskTarget, reach: Reach) -> Array:
         normal = reach.normals[:, 0]
         frame = _of_world(normal)
         if request.plane is not None and (frame is None or not np.array_equal(frame, _of_plane(request.plane))):
-            hint = "leave it out: the map lies in the arm's plane"
+            message = "the tool point of this arm moves in another plane"
             raise InputError(
-                Issue("the tool point of this arm moves in another plane", ("--plane",), request.plane, hint)
+                Issue(message, ("--plane",), request.plane, "leave it out: the map lies in the arm's plane")
             )
         return np.vstack([reach.directions.T, normal]) if frame is None else frame
     if request.plane is not None:
         return _of_plane(request.plane)
-    flat = _flat_axis(request)
-    if flat is not None:
-        return _of_plane(("yz", "xz", "xy")[flat])
-    frame = _of_world(target.direction)
+    # The one axis of the world along which counts or corners leave one value, else the direction of the task.
+    flat: list[int] = []
+    if request.counts is not None and len(request.counts) == 3:
+        flat = [k for k in range(3) if request.counts[k] == 1]
+    elif request.box is not None:
+        flat = np.flatnonzero(request.box[0] == request.box[1]).tolist()
+    frame = _of_world(np.eye(3)[flat[0]] if len(flat) == 1 else target.direction)
     return np.vstack([target.basis.T, target.direction]) if frame is None else frame
 
 
-def _flat_axis(request: GridRequest) -> int | None:
-    flat: set[int] = set()
-    if request.counts is not None and len(request.counts) == 3:
-        flat = {k for k in range(3) if request.counts[k] == 1}
-    elif request.low is not None and request.high is not None:
-        flat = {k for k in range(3) if request.low[k] == request.high[k]}
-    return flat.pop() if len(flat) == 1 else None
-
-
 def _of_plane(plane: str) -> Array:
-    """The axes (3, 3) of a plane of the world, ``xy``, ``xz`` or ``yz``, and the one across it."""
+    """(3, 3) axes of the world in a plane such as ``xy``, and the one across it."""
     order = ["xyz".index(c) for c in plane]
     return np.asarray(np.eye(3)[[*order, 3 - sum(order)]])
 
 
 def _of_world(normal: Array) -> Array | None:
-    """The frame of the world's axes across ``normal``, or None where it is oblique to them."""
+    """(3, 3) axes of the world across ``normal`` (3,); None where it is oblique to them."""
     axis = int(np.argmax(np.abs(normal)))
-    return _of_plane(("yz", "xz", "xy")[axis]) if abs(normal[axis]) > 1 - ALIGNED else None
+    return _of_plane(("yz", "xz", "xy")[axis]) if abs(normal[axis]) > _ALIGNED else None
 
 
 def _box(request: GridRequest, target: TaskTarget, reach: Reach, points: Array) -> tuple[Array, Array]:
     """Corners (3,) of the box that the grid covers [m], world."""
-    if request.low is not None and request.high is not None:
-        return np.array(request.low), np.array(request.high)
+    if request.box is not None:
+        return request.box
     if target.kind == "region":
         return target.lower, target.upper
     if target.kind == "point":
-        half = _rounded(0.3 * reach.radius)
+        step = _step(0.3 * reach.radius)
+        half = step * max(round(0.3 * reach.radius / step), 1)
         return target.lower - half, target.lower + half
     step = _step(reach.radius / 2)
     return step * np.floor(points.min(axis=0) / step + 1e-6), step * np.ceil(points.max(axis=0) / step - 1e-6)
 
 
-def _rounded(length: float) -> float:
-    """A length [m] rounded to a round step, one at least."""
-    step = _step(length)
-    return step * max(round(length / step), 1)
-
-
 def _step(length: float) -> float:
-    """A round step that is a small part of a length [m]: half of its power of ten.
-
-    >>> _step(0.35)
-    0.05
-    """
-    power = 10.0 ** math.floor(math.log10(max(length, 1e-3)))
-    return 0.5 * power
+    """Half of a length's power of ten [m]: 0.05 of 0.35."""
+    return 0.5 * 10.0 ** math.floor(math.log10(max(length, 1e-3)))
 
 
 def _counts(request: GridRequest, axes: Array, widths: Array) -> tuple[int, int, int]:
     """Counts of u, v, w."""
     if request.counts is None:
         return _suitable(widths)
-    whole = (
-        [request.counts[int(np.argmax(np.abs(e)))] for e in axes] if len(request.counts) == 3 else [*request.counts, 1]
-    )
-    for count, width, axis in zip(whole, widths, axes, strict=True):
+    along = [int(np.argmax(np.abs(axis))) for axis in axes]
+    whole = [request.counts[k] for k in along] if len(request.counts) == 3 else [*request.counts, 1]
+    for count, width, k in zip(whole, widths, along, strict=True):
         if count > 1 and width <= 0:
-            name, text = "xyz"[int(np.argmax(np.abs(axis)))], "x".join(map(str, request.counts))
+            name, text = "xyz"[k], "x".join(map(str, request.counts))
             raise InputError(Issue(f"the box has no width in {name}", ("--grid",), text, "write 1 there, or widen it"))
     return whole[0], whole[1], whole[2]
 

@@ -45,13 +45,11 @@ class MapCandidate:
 
     @staticmethod
     def pattern(joints: int) -> Pattern:
-        """That of `packed`, of an arm with so many joints."""
         found = (frozenset(["feasible"]), float, (FINITE,) * joints, *(float,) * 3, bool, str, int)
         return Either(found, (frozenset(get_args(MapStatus)) - {"feasible"}, float))
 
     @classmethod
     def unpacked(cls, row: PackedRow) -> MapCandidate:
-        """The one that was packed."""
         status, scale, *best = row
         return cls(status, CandidatePosture(np.array(best[0]), *best[1:]) if best else None, scale)
 
@@ -66,8 +64,7 @@ class NeighbourSolves:
     found: int  # targets that had no posture before
 
     def to_json(self) -> dict[str, Json]:
-        """The numbers as they are."""
-        return {"again": self.again, "better": self.better, "most": self.most, "found": self.found}
+        return dict(vars(self))
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,9 +81,7 @@ class MapPoint:
     sigma_along: float  # along the direction [m]
     radius95: float  # distance from the target that 95 % of all tool points stay within, in the part that counts [m]
     success_probability: float  # to stay within the clearance; NaN without one
-    # where there is no posture that keeps clear, what the best of the others meets: an obstacle's name or self-
-    # collision; else empty
-    blocked_by: str = ""
+    blocked_by: str = ""  # the obstacle, or self-collision, that the best posture meets where none keeps clear
 
     @property
     def feasible(self) -> bool:
@@ -94,83 +89,69 @@ class MapPoint:
         return self.status == "feasible"
 
     def packed(self) -> PackedRow:
-        """Numbers and text, to be sent."""
         numbers = (self.q, self.covariance.ravel(), self.bias)
         rest = (self.sigma_max, self.sigma_along, self.radius95, self.success_probability)
         return [self.status, self.optimal, *(array.tolist() for array in numbers), *map(float, rest)]
 
     @staticmethod
     def pattern(joints: int) -> Pattern:
-        """That of `packed`, of an arm with so many joints; numbers are known where the target is feasible."""
-        found = (frozenset(["feasible"]), bool, (FINITE,) * joints, (FINITE,) * 9, (FINITE,) * 3, *(float,) * 4)
-        none = (frozenset(get_args(MapStatus)), bool, (float,) * joints, (float,) * 9, (float,) * 3, *(float,) * 4)
-        return Either(found, (none[0] - {"feasible"}, *none[1:]))
+        found, others = frozenset(["feasible"]), frozenset(get_args(MapStatus)) - {"feasible"}
+        known, nan = ([(number,) * size for size in (joints, 9, 3)] for number in (FINITE, float))
+        return Either((found, bool, *known, *(float,) * 4), (others, bool, *nan, *(float,) * 4))
 
     @classmethod
     def unpacked(cls, position: Array, row: PackedRow) -> MapPoint:
-        """The one at ``position`` (3,) [m] that was packed."""
         status, optimal, q, covariance, bias, *rest = row
         return cls(position, status, optimal, np.array(q), np.reshape(covariance, (3, 3)), np.array(bias), *rest)
 
     def to_json(self, joints: tuple[str, ...]) -> dict[str, Json]:
-        """SI units; what is not known is null."""
+        """SI units; unknown numbers are null."""
+        numbers = ("sigma_max", "sigma_along", "radius95", "success_probability")
         return {
             "position": self.position.tolist(),
             "feasible": self.feasible,
             "status": "optimal" if self.optimal else "feasible" if self.feasible else "infeasible",
             "reason": "" if self.feasible else self.status,
             "blocked_by": self.blocked_by,
-            "sigma_max": finite_or_none(self.sigma_max),
-            "sigma_along": finite_or_none(self.sigma_along),
-            "radius95": finite_or_none(self.radius95),
-            "success_probability": finite_or_none(self.success_probability),
+            **{name: finite_or_none(getattr(self, name)) for name in numbers},
             "posture": dict(zip(joints, map(float, self.q), strict=True)) if self.feasible else None,
         }
 
 
-@recorded(lambda engine, item: (MapPoint.pattern(engine.optimisation_problem.robot.n),) * len(item[0]))
-def packed_points(engine: Engine, item: tuple[Sequence[TaskTarget], Sequence[MapCandidate]]) -> list[PackedRow]:
-    """Targets with what was found there, as packed points: a part of the work."""
-    return [map_point.packed() for map_point in map_points_of(engine.optimisation_problem, *item)]
+@recorded(lambda engine, items: (MapPoint.pattern(engine.optimisation_problem.robot.n),) * len(items))
+def packed_points(engine: Engine, items: Sequence[tuple[TaskTarget, MapCandidate]]) -> list[PackedRow]:
+    """Packed points: ``σ² = λ_max(Bᵀ C B)``, basis B (3, m) of the part that counts, all moments in one evaluation.
 
-
-def map_points_of(
-    problem: OptimisationProblem, targets: Sequence[TaskTarget], candidates: Sequence[MapCandidate]
-) -> list[MapPoint]:
-    """``σ² = λ_max(Bᵀ C B)``, basis B (3, m); 95 % radii about the target, biased where the bias exceeds 1 % of σ."""
-    B, d = critical_basis(problem, targets[0]), targets[0].direction
-    found = [k for k, candidate in enumerate(candidates) if candidate.best is not None]
-    nothing = np.full(problem.robot.n, np.nan)
-    postures = {k: best.q for k, candidate in enumerate(candidates) if (best := candidate.best) is not None}
+    The 95 % radius is about the target, with the bias where it exceeds 1 % of σ: less moves it by 1e-4 of itself.
+    """
+    problem, first = engine.optimisation_problem, items[0][0]
+    B = critical_basis(problem, first)
+    found = {k: c.best.q for k, (_, c) in enumerate(items) if c.best is not None}
     if not found:
-        return [
-            _empty(target, candidate.status, nothing) for target, candidate in zip(targets, candidates, strict=True)
-        ]
-    Q = np.array([postures[k] for k in found])
-    moments = end_moments(problem, Q, B, targets[0].lever)  # that of the task, wherever it is done
-    C, bias = moments.covariance, moments.bias
-    own = B.T @ C @ B
-    row, central = {k: i for i, k in enumerate(found)}, central_radii(0.95, own)
-    map_points = []
-    for k, (target, candidate) in enumerate(zip(targets, candidates, strict=True)):
+        return [_empty(problem, target, c.status).packed() for target, c in items]
+    Q = np.array(list(found.values()))
+    moments = end_moments(problem, Q, B, first.lever)  # the lever is that of the task, wherever it is done
+    C, own = moments.covariance, B.T @ moments.covariance @ B
+    central, row = central_radii(0.95, own), dict(zip(found, range(len(found)), strict=True))
+    points = []
+    for k, (target, candidate) in enumerate(items):
         if candidate.best is None:
-            map_points.append(_empty(target, candidate.status, nothing))
+            points.append(_empty(problem, target, candidate.status))
             continue
         i = row[k]
-        b, sigma = B.T @ bias[i], float(moments.sigma[i])
-        radius = float(central[i])
-        if float(np.linalg.norm(b)) > 0.01 * sigma:  # a smaller shift moves the radius by 1e-4 of it
+        bias, sigma = moments.bias[i], float(moments.sigma[i])
+        b, radius = B.T @ bias, float(central[i])
+        if float(np.linalg.norm(b)) > 0.01 * sigma:
             radius = coverage_radius(0.95, own[i], b)
         hit = success_with_peg(problem, Q[i], B, target)
         hit = within_clearance(own[i], target.clearance, b) if hit is None else hit
-        along = sigma_along(d, C[i])
-        map_points.append(
-            MapPoint(target.lower, "feasible", candidate.best.optimal, Q[i], C[i], bias[i], sigma, along, radius,
-                     math.nan if hit is None else hit)
-        )  # fmt: skip
-    return map_points
+        p = math.nan if hit is None else hit
+        along = sigma_along(first.direction, C[i])
+        best = candidate.best
+        points.append(MapPoint(target.lower, "feasible", best.optimal, Q[i], C[i], bias, sigma, along, radius, p))
+    return [point.packed() for point in points]
 
 
-def _empty(target: TaskTarget, status: MapStatus, q: Array) -> MapPoint:
-    nan = math.nan
+def _empty(problem: OptimisationProblem, target: TaskTarget, status: MapStatus) -> MapPoint:
+    nan, q = math.nan, np.full(problem.robot.n, math.nan)
     return MapPoint(target.lower, status, False, q, np.full((3, 3), nan), np.full(3, nan), nan, nan, nan, nan)

@@ -5,21 +5,39 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from itertools import chain
 
 import numpy as np
 
 from posture_opt.collision.scene import Scene
 from posture_opt.numerics import Array, Progress
-from posture_opt.selection.maps.map_exchange import NeighbourExchange, is_better, worked_on
+from posture_opt.selection.maps.map_exchange import NeighbourExchange, worked_on
 from posture_opt.selection.maps.map_neighbours import Neighbourhood, Pairs
-from posture_opt.selection.maps.map_points import MapCandidate, NeighbourSolves
-from posture_opt.selection.maps.map_trials import BETTER, best_among, better_of, freedom, out_of_plane
+from posture_opt.selection.maps.map_points import MapCandidate, NeighbourSolves, PackedRow
+from posture_opt.selection.maps.map_trials import (
+    BETTER,
+    best_among,
+    better_of,
+    candidate_patterns,
+    freedom,
+    is_better,
+    out_of_plane,
+)
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.engine import CandidatePosture, Engine
 from posture_opt.selection.search.search_outcome import is_clear
 from posture_opt.workers import Workers
 from posture_opt.workers.record_pattern import recorded
+
+Effort = tuple[int, int, int]
+"""Random starts of a target where 0, 1, or more ways are left free."""
+# Of seven arms at 26 x 26 targets 3 of 4732 fell short of the best known by 0.5 % with 48 or 24 starts; at 10 x 9, one
+# of a Panda's 90 more with 24.
+SMALL_MAP: Effort = (48, 48, 48)
+LARGE_MAP: Effort = (24, 24, 24)
+EDGE_OF_REACH: Effort = (144, 144, 144)  # and a share of the others
+OUTLIERS: Effort = (96, 288, 288)
+SELF_COLLISION = "self-collision"
 
 
 def outlying_targets(exchange: NeighbourExchange, searched: set[int]) -> list[int]:
@@ -44,16 +62,6 @@ def targets_to_search_again(
     return [int(k) for k in np.flatnonzero(chosen)]
 
 
-FIRST_EFFORT: Effort = (48, 48, 48)  # of every target of a small map
-FINE_EFFORT: Effort = (24, 24, 24)
-# Of every target of a larger one, where neighbours know more of each other: of seven arms
-# at 26 x 26 targets 3 of 4732 fell short of the best known by 0.5 % with either; at 10 x 9, one of a Panda's 90 more
-SECOND_EFFORT: Effort = (144, 144, 144)  # of those at the edge of the reach, and of a share of the others
-THIRD_EFFORT: Effort = (96, 288, 288)  # of outliers
-Effort = tuple[int, int, int]
-"""Random starts of a target where 0, 1, or more ways are left free."""
-
-
 def best_candidates(
     engines: Sequence[Engine],
     targets: Sequence[TaskTarget],
@@ -67,20 +75,19 @@ def best_candidates(
     candidates: list[MapCandidate] = [MapCandidate("not reached", None, math.nan)] * len(targets)
 
     def explored(indices: Iterable[int], effort: Effort) -> Iterator[tuple[int, MapCandidate]]:
-        def item(chunk: Sequence[int]) -> Exploration:
-            mine, known = [targets[k] for k in chunk], [candidates[k] for k in chunk]
-            return Exploration(mine, chunk, known, effort, seed)
+        def item(k: int) -> Exploration:
+            return Exploration(targets[k], k, candidates[k], effort, seed)
 
         for k, row in worked_on(workers, explore, engines, indices, item):
             yield k, MapCandidate.unpacked(row)
 
-    first = FIRST_EFFORT if len(targets) <= 256 else FINE_EFFORT
+    first = SMALL_MAP if len(targets) <= 256 else LARGE_MAP
     for done, (k, candidate) in enumerate(explored(range(len(targets)), first), start=1):
         candidates[k] = candidate
         if progress is not None:
             progress(done, len(targets))
     share = 0.05 if freedom(engines[0], targets[0]) > 0 else 0.0
-    for k, candidate in explored(targets_to_search_again(candidates, neighbourhood, share, seed), SECOND_EFFORT):
+    for k, candidate in explored(targets_to_search_again(candidates, neighbourhood, share, seed), EDGE_OF_REACH):
         candidates[k] = candidate
     alone = [candidate.best for candidate in candidates]
     exchange = NeighbourExchange(engines, targets, neighbourhood, workers, seed, candidates)
@@ -89,7 +96,7 @@ def best_candidates(
     while odd := outlying_targets(exchange, searched):
         searched |= set(odd)
         better = set()
-        for k, candidate in explored(odd, THIRD_EFFORT):
+        for k, candidate in explored(odd, OUTLIERS):
             better |= {k} if is_better(candidate, candidates[k]) else set()
             candidates[k] = candidate
         exchange.spread(better)
@@ -112,33 +119,30 @@ def _statistics(
 
 @dataclass(frozen=True)
 class Exploration:
-    """What is to be explored."""
+    """A target to be explored; its index seeds it."""
 
-    targets: Sequence[TaskTarget]  # with one engine
-    indices: Sequence[int]  # seed them, each target by its own
-    known: Sequence[MapCandidate]  # what was found for them before
+    target: TaskTarget
+    index: int
+    known: MapCandidate
     effort: Effort
     seed: int
 
 
-@recorded(lambda engine, item: (MapCandidate.pattern(engine.optimisation_problem.robot.n),) * len(item.targets))
-def explore(engine: Engine, item: Exploration) -> list[list[Any]]:
+@recorded(candidate_patterns)
+def explore(engine: Engine, items: Sequence[Exploration]) -> list[PackedRow]:
     """Packed candidates by random starts, each seeded by its own index, whatever its chunk."""
-    targets, candidates = item.targets, list(item.known)
-    open_ = [k for k in range(len(targets)) if not out_of_plane(engine, targets[k])]
+    candidates = [item.known for item in items]
+    open_ = [k for k, item in enumerate(items) if not out_of_plane(engine, item.target)]
     if open_:
-        starts = item.effort[min(max(freedom(engine, targets[0]), 0), 2)]
-        rngs = [np.random.default_rng([item.seed, starts, item.indices[k]]) for k in open_]
+        starts = items[0].effort[min(max(freedom(engine, items[0].target), 0), 2)]
+        rngs = [np.random.default_rng([items[k].seed, starts, items[k].index]) for k in open_]
         Q = [engine.ik.random_postures(starts, rng) for rng in rngs]
-        requests = [engine.request(targets[k], starts, rng) for k, rng in zip(open_, rngs, strict=True)]
+        requests = [engine.request(items[k].target, starts, rng) for k, rng in zip(open_, rngs, strict=True)]
         for k, reached in zip(open_, engine.ik.reached(Q, requests), strict=True):
             if len(reached):
-                found = best_among(engine, targets[k], reached)
-                candidates[k] = better_of(engine, targets[k], candidates[k], found)
+                target = items[k].target
+                candidates[k] = better_of(engine, target, candidates[k], best_among(engine, target, reached))
     return [candidate.packed() for candidate in candidates]
-
-
-SELF_COLLISION = "self-collision"
 
 
 def clear_candidates(
@@ -152,20 +156,17 @@ def clear_candidates(
     seed: int,
     progress: Progress | None = None,
 ) -> list[MapCandidate]:
-    """Candidates, colliding ones solved again with rows that keep clear."""
+    """Candidates, colliding ones solved again with rows that keep clear and make a step several times dearer."""
     again = colliding(scene, candidates, workers)
-    found = list(candidates)
     if not again:
-        return found
+        return list(candidates)
     work = [targets[k] for k in again]
-    points = np.array([target.lower for target in work])
-    engines = [guarded(target) for target in work]
+    engines, points = [guarded(target) for target in work], np.array([target.lower for target in work])
     arm = engines[0].optimisation_problem.arm
     neighbourhood = Neighbourhood.of(arm, work[0].direction, points, among(pairs, again))
     better, _ = best_candidates(engines, work, neighbourhood, workers, seed=seed, progress=progress)
-    for k, candidate in zip(again, better, strict=True):
-        found[k] = candidate
-    return found
+    found = dict(enumerate(candidates)) | dict(zip(again, better, strict=True))
+    return list(found.values())
 
 
 def colliding(scene: Scene, candidates: Sequence[MapCandidate], workers: Workers) -> list[int]:
@@ -176,9 +177,7 @@ def colliding(scene: Scene, candidates: Sequence[MapCandidate], workers: Workers
     chunks = [held[i : i + 256] for i in range(0, len(held), 256)]
     postures = [np.array([best.q for k in chunk if (best := candidates[k].best) is not None]) for chunk in chunks]
     clear = workers.in_order(_clear, scene, postures)
-    return [
-        k for chunk, flags in zip(chunks, clear, strict=True) for k, yes in zip(chunk, flags, strict=True) if not yes
-    ]
+    return [k for k, yes in zip(held, chain.from_iterable(clear), strict=True) if not yes]
 
 
 @recorded(lambda scene, Q: (bool,) * len(Q))

@@ -16,6 +16,13 @@ from posture_opt.selection.search.engine import CandidatePosture, Engine
 from posture_opt.selection.search.multistart import distinct, local_optima, rank
 from posture_opt.workers.record_pattern import FINITE, Pattern, recorded
 
+BETTER = 1e-4
+"""Of the objective: what is no difference."""
+BEND = 40.0
+"""Of the objective over (distance / reach)²: what a led posture falls short of its optimum, unless less is known."""
+Led = list[tuple[CandidatePosture, float]]
+"""Postures that arrive at a target, with the squares of the distances that they were led over."""
+
 
 def out_of_plane(engine: Engine, target: TaskTarget) -> bool:
     """Whether a target lies outside of the plane, or line, that the tool point cannot leave."""
@@ -42,11 +49,9 @@ def better_of(engine: Engine, target: TaskTarget, first: MapCandidate, second: M
     if second.best is None or first.best is None:
         return second if first.best is None and second.status != "not reached" else first
     same = engine.candidates(second.best.q[None], replace(target, scale=first.scale))[0]
-    return (
-        MapCandidate("feasible", replace(second.best, objective=same.objective), first.scale)
-        if (same.objective < first.best.objective)
-        else first
-    )
+    if same.objective >= first.best.objective:
+        return first
+    return MapCandidate("feasible", replace(second.best, objective=same.objective), first.scale)
 
 
 def is_near(engine: Engine, q: Array, known: Sequence[Array]) -> bool:
@@ -60,25 +65,16 @@ def is_near(engine: Engine, q: Array, known: Sequence[Array]) -> bool:
     return bool(np.min(np.max(away, axis=1)) < 0.3)  # mostly one optimum
 
 
-BETTER = 1e-4
-"""Of the objective: what is no difference."""
-BEND = 40.0
-"""Of the objective, over (distance / reach)²: what a posture led so far falls short of its optimum, unless fewer is
-known."""
-
-
 @dataclass(frozen=True)
 class NeighbourStarts:
     """A target and the postures of its neighbours."""
 
-    target: TaskTarget  # target, candidate: with the best posture known there
-    candidate: MapCandidate
+    target: TaskTarget
+    candidate: MapCandidate  # the best known there
     starts: Array  # (M, n) postures of neighbours [rad or m], joint 1 moved
     squares: Sequence[float] = ()  # (M,) of the distance that each is led over, as a part of the reach
-    # postures of neighbours that the solver began with before; or, for `take_over`, those that ended at a worse
-    # optimum
-    tried: Sequence[Array] = ()
-    bend: float = BEND  # of the objective, over a square: what a posture led so far may fall short of its optimum
+    tried: Sequence[Array] = ()  # postures that were polished before; for `take_over` those that ended worse
+    bend: float = BEND
     seed: tuple[int, ...] = ()  # of the random perturbations of the starts
 
 
@@ -87,11 +83,9 @@ class Trial:
     """What comes of the trials at one target."""
 
     candidate: MapCandidate  # the best one now; better says whether it changed
-    # postures (n,) that were polished; lost those that ended at a worse optimum
-    tried: list[Array] = field(default_factory=list)
-    lost: list[Array] = field(default_factory=list)
-    # what each gained by polishing, over the squared distance that it was led
-    bends: list[float] = field(default_factory=list)
+    tried: list[Array] = field(default_factory=list)  # (n,) polished
+    lost: list[Array] = field(default_factory=list)  # (n,) polished, to a worse optimum
+    bends: list[float] = field(default_factory=list)  # gained by polishing, over the squared distance
     better: bool = False
 
     def packed(self) -> PackedRow:
@@ -107,14 +101,13 @@ class Trial:
 
     @classmethod
     def unpacked(cls, row: PackedRow) -> Trial:
-        """The one that was packed."""
         candidate, tried, lost, bends, better = row
-        return cls(
-            MapCandidate.unpacked(candidate), list(map(np.array, tried)), list(map(np.array, lost)), bends, better
-        )
+        of = MapCandidate.unpacked(candidate)
+        return cls(of, [np.array(q) for q in tried], [np.array(q) for q in lost], bends, better)
 
 
-def _candidates(engine: Engine, items: Sequence[NeighbourStarts]) -> Pattern:
+def candidate_patterns(engine: Engine, items: Sequence[object]) -> Pattern:
+    """The pattern of a packed candidate for every item."""
     return (MapCandidate.pattern(engine.optimisation_problem.robot.n),) * len(items)
 
 
@@ -124,7 +117,7 @@ def try_all(engine: Engine, items: Sequence[NeighbourStarts]) -> list[PackedRow]
     return [_tried(engine, item, led).packed() for item, led in zip(items, _carried_over(engine, items), strict=True)]
 
 
-@recorded(_candidates)
+@recorded(candidate_patterns)
 def try_around(engine: Engine, items: Sequence[NeighbourStarts]) -> list[PackedRow]:
     """Targets without a posture sought about those of their neighbours: packed candidates."""
     found = [item.candidate for item in items]
@@ -139,7 +132,7 @@ def try_around(engine: Engine, items: Sequence[NeighbourStarts]) -> list[PackedR
     return [candidate.packed() for candidate in found]
 
 
-@recorded(_candidates)
+@recorded(candidate_patterns)
 def take_over(engine: Engine, items: Sequence[NeighbourStarts]) -> list[PackedRow]:
     """At every target the posture of a neighbour, where it is another one and as good: packed candidates."""
     return [_agreed(engine, item, led).packed() for item, led in zip(items, _carried_over(engine, items), strict=True)]
@@ -150,27 +143,32 @@ def gain(posture: CandidatePosture, known: CandidatePosture) -> float:
     return (known.objective - posture.objective) / max(abs(known.objective), 1e-9)
 
 
-def _carried_over(engine: Engine, items: Sequence[NeighbourStarts]) -> list[list[tuple[CandidatePosture, float]]]:
-    led: list[list[tuple[CandidatePosture, float]]] = [[] for _ in items]
+def is_better(candidate: MapCandidate, known: MapCandidate) -> bool:
+    """Whether a candidate is better than the known one by more than nothing."""
+    best, before = candidate.best, known.best
+    return best is not None and (before is None or gain(best, before) > BETTER)
+
+
+def _carried_over(engine: Engine, items: Sequence[NeighbourStarts]) -> list[Led]:
+    led: list[Led] = [[] for _ in items]
     pairs = [(i, start) for i, item in enumerate(items) for start in range(len(item.starts))]
     if not pairs:
         return led
     counts = [1 + (item.target.tilt > 0) for item in items]
-    asked = [
-        engine.request(item.target, count, np.random.default_rng(0)) for item, count in zip(items, counts, strict=True)
-    ]
+    asked = [engine.request(i.target, n, np.random.default_rng(0)) for i, n in zip(items, counts, strict=True)]
     Q = [np.tile(items[i].starts[start], (counts[i], 1)) for i, start in pairs]
     arrived = engine.ik.reached(Q, [asked[i] for i, _ in pairs])
     rows = [(i, start, q) for (i, start), postures in zip(pairs, arrived, strict=True) for q in postures]
     if rows:
-        of = [replace(item.target, scale=_known_scale(item.candidate)).parameters for item in items]
+        scales = [1.0 if math.isnan(item.candidate.scale) else item.candidate.scale for item in items]
+        of = [replace(item.target, scale=scale).parameters for item, scale in zip(items, scales, strict=True)]
         moved = engine.screened(np.array([q for _, _, q in rows]), np.array([of[i] for i, _, _ in rows]))
         for (i, start, _), posture in zip(rows, moved, strict=True):
             led[i].append((posture, items[i].squares[start]))
     return led
 
 
-def _tried(engine: Engine, item: NeighbourStarts, led: Sequence[tuple[CandidatePosture, float]]) -> Trial:
+def _tried(engine: Engine, item: NeighbourStarts, led: Led) -> Trial:
     trial = Trial(item.candidate, list(item.tried))
     bend = item.bend if freedom(engine, item.target) > 0 else 0.0
     ordered = sorted(led, key=lambda one: rank(one[0]))
@@ -184,9 +182,7 @@ def _tried(engine: Engine, item: NeighbourStarts, led: Sequence[tuple[CandidateP
     return trial
 
 
-def _worth_trying(
-    engine: Engine, trial: Trial, led: Sequence[tuple[CandidatePosture, float]], bend: float
-) -> Iterable[tuple[CandidatePosture, float]]:
+def _worth_trying(engine: Engine, trial: Trial, led: Led, bend: float) -> Iterable[tuple[CandidatePosture, float]]:
     for posture, square in led:
         own = trial.candidate.best
         if own is None:
@@ -214,7 +210,7 @@ def _try(engine: Engine, target: TaskTarget, trial: Trial, posture: CandidatePos
     return won
 
 
-def _agreed(engine: Engine, item: NeighbourStarts, led: Sequence[tuple[CandidatePosture, float]]) -> MapCandidate:
+def _agreed(engine: Engine, item: NeighbourStarts, led: Led) -> MapCandidate:
     candidate = item.candidate
     for posture, _ in led:
         own = candidate.best
@@ -226,10 +222,6 @@ def _agreed(engine: Engine, item: NeighbourStarts, led: Sequence[tuple[Candidate
         if end.feasible and (end.optimal or not own.optimal) and gain(end, own) > -BETTER:
             candidate = MapCandidate("feasible", end, candidate.scale)
     return candidate
-
-
-def _known_scale(candidate: MapCandidate) -> float:
-    return 1.0 if math.isnan(candidate.scale) else candidate.scale
 
 
 def _about(engine: Engine, q: Array, rng: np.random.Generator) -> Array:
