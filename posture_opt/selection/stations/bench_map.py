@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,8 +10,6 @@ from posture_opt.numerics import Array
 from posture_opt.selection.answer.combine import combined_sigma
 from posture_opt.selection.answer.shared_placement import Placement
 from posture_opt.selection.stations.placed_stations import PlacedStations, Postures
-
-_GRID_SIZE = 21  # placements along each side of the map
 
 
 @dataclass(frozen=True)
@@ -31,27 +28,27 @@ class PlacementOnBench(Placement):
     stations: PlacedStations | None = None  # the features in the frame of the workpiece
 
     def bench(self, postures: Array) -> BenchMap | None:
-        """The spread over the first two free coordinates, from the postures (K, n); None where fewer are free."""
-        return None if self.stations is None else bench_map(self.stations, self.w, postures)
+        """Spread over the first two free coordinates, from postures (K, n); None where fewer are free."""
+        return None if self.stations is None else _bench_map(self.stations, self.w, postures)
 
 
-def bench_map(placed: PlacedStations, w: Array, postures: Array) -> BenchMap | None:
-    """Map over the first two free coordinates, the others as in ``w`` (4,), from postures (K, n); None if fewer are
-    free."""
+def _bench_map(placed: PlacedStations, w: Array, postures: Array) -> BenchMap | None:
     free = np.flatnonzero(placed.placement.free)
     if len(free) < 2:
         return None
     first, second = int(free[0]), int(free[1])
     lower, upper = placed.placement.lower, placed.placement.upper
-    values = [np.linspace(lower[i], upper[i], _GRID_SIZE) for i in (first, second)]
-    W = np.tile(w, (_GRID_SIZE**2, 1))
+    size = 21  # placements along each side
+    values = [np.linspace(lower[i], upper[i], size) for i in (first, second)]
+    W = np.tile(w, (size**2, 1))
     W[:, first], W[:, second] = (grid.ravel() for grid in np.meshgrid(*values, indexing="ij"))
     found = _spread_out(placed, placed.best(W, 8, np.random.default_rng(0), postures[None]))
-    sigma = placement_sigma(placed, found).reshape(_GRID_SIZE, _GRID_SIZE)
+    sigma = placement_sigma(placed, found).reshape(size, size)
     return BenchMap((first, second), (values[0], values[1]), np.where(np.isfinite(sigma), sigma, np.nan))
 
 
 def _spread_out(placed: PlacedStations, found: Postures) -> Postures:
+    """Placements without a posture tried again, from those of feasible ones beside them: rare branches spread."""
     rng = np.random.default_rng(1)
     for _ in range(2):
         feasible = (found.gap == 0).all(axis=1)
@@ -61,11 +58,7 @@ def _spread_out(placed: PlacedStations, found: Postures) -> Postures:
         away = np.linalg.norm(found.W[bad][:, None] - found.W[good][None], axis=2)
         beside = np.unique(good[np.argsort(away, axis=1)[:, :2]])
         known = found.Q[rng.permutation(beside)[:8]]
-        better = placed.better(found.rows(bad), placed.best(found.W[bad], 32, rng, known))
-        parts: dict[str, Any] = {n: np.array(getattr(found, n)) for n in ("Q", "main", "extra", "sigma", "gap", "loss")}
-        for name, part in parts.items():
-            part[bad] = getattr(better, name)
-        found = replace(found, **parts)
+        found = found.replaced(bad, placed.better(found.rows(bad), placed.best(found.W[bad], 32, rng, known)))
     return found
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -42,10 +42,8 @@ def combination_losses(p_all: Array, log_miss: Array, extra: Array) -> Array:
 
 def best_combination(features: Sequence[Branches], revolute: Mask) -> tuple[Codes, float]:
     """(K,) the posture of each feature, and the loss; ``revolute`` (n,) joints count but for whole turns."""
-    starts = np.vstack([
-        [int(np.argmin(f.log_miss + f.extra)) for f in features], _families(features, revolute), _greedy(features),
-    ])  # fmt: skip
-    starts = np.unique(starts, axis=0)
+    alone = [int(np.argmin(f.log_miss + f.extra)) for f in features]
+    starts = np.unique(np.vstack([alone, _families(features, revolute), _greedy(features)]), axis=0)
     losses = _losses(features, starts)
     chosen = np.argsort(losses, kind="stable")[:2]
     ends = [_exchanged(features, starts[s], float(losses[s])) for s in chosen]
@@ -57,15 +55,15 @@ def _losses(features: Sequence[Branches], chosen: Codes) -> Array:
     product = np.ones((len(chosen), features[0].success.shape[1]))
     for feature, picks in zip(features, chosen.T, strict=True):
         product = product * feature.success[picks]
-    of_each: list[Callable[[Branches], Array]] = [lambda f: f.log_miss, lambda f: f.extra]
     log_miss, extra = (
-        np.column_stack([part(f)[picks] for f, picks in zip(features, chosen.T, strict=True)]) for part in of_each
+        np.column_stack([getattr(f, name)[picks] for f, picks in zip(features, chosen.T, strict=True)])
+        for name in ("log_miss", "extra")
     )
     return combination_losses(product.mean(axis=1), log_miss, extra)
 
 
 def _families(features: Sequence[Branches], revolute: Mask) -> Codes:
-    """(S, K) for each posture of each feature the ones of the others that are nearest to it: one branch for all."""
+    """(S, K) the nearest postures of all features to each posture of each: one branch for all."""
     rows = []
     for seed in features:
         columns = []
@@ -78,7 +76,7 @@ def _families(features: Sequence[Branches], revolute: Mask) -> Codes:
 
 
 def _greedy(features: Sequence[Branches]) -> Codes:
-    """(S, K) from each posture of the hardest feature on the ones that go best with those before, hardest first."""
+    """(S, K) from each posture of the hardest feature on, what goes best with those before, hardest first."""
     order = np.argsort([-float(f.log_miss.min()) for f in features], kind="stable")
     chosen = np.zeros((len(features[order[0]].Q), len(features)), dtype=int)
     chosen[:, order[0]] = np.arange(len(chosen))
@@ -90,6 +88,7 @@ def _greedy(features: Sequence[Branches]) -> Codes:
 
 
 def _exchanged(features: Sequence[Branches], chosen: Codes, loss: float) -> tuple[Codes, float]:
+    """The combination with postures exchanged one at a time, for as long as that lessens the loss."""
     success, log_miss, extra = (
         np.array([getattr(f, name)[b] for f, b in zip(features, chosen, strict=True)])
         for name in ("success", "log_miss", "extra")
@@ -120,22 +119,26 @@ class Postures:
 
     W: Array  # (M, 4) placements
     Q: Array  # (M, K, n) postures, NaN where nothing was found
-    # (M, K) first term of the objective, infinite where no posture is feasible; extra: (M, K) further terms
-    main: Array
-    extra: Array
+    main: Array  # (M, K) first term of the objective, infinite where no posture is feasible
+    extra: Array  # (M, K) further terms
     sigma: Array  # (M, K) largest standard deviation of the part that counts [m]
     gap: Array  # (M, K) zero where a posture is feasible; else the least error of the inverse kinematics or of a row
     loss: Array  # (M,) objective of all stations together, infinite where one cannot be done
     tried: int = 0  # random postures that were led to targets
 
     def rows(self, chosen: Codes) -> Postures:
-        """The placements of the ``chosen`` rows, in this order."""
         return replace(self, **{name: getattr(self, name)[chosen] for name in _COLUMNS})
 
     def joined(self, other: Postures) -> Postures:
-        """The placements of both, in this order."""
         both = {name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in _COLUMNS}
         return replace(self, **both, tried=self.tried + other.tried)
+
+    def replaced(self, rows: Codes, better: Postures) -> Postures:
+        """The placements, those of some rows as in ``better``."""
+        columns: dict[str, Any] = {name: np.array(getattr(self, name)) for name in _COLUMNS}
+        for name, column in columns.items():
+            column[rows] = getattr(better, name)
+        return replace(self, **columns, tried=self.tried + better.tried)
 
 
 @dataclass(frozen=True)
@@ -146,9 +149,7 @@ class PlacedStations(DerivedAgain):
     targets: tuple[TaskTarget, ...]  # in the frame of the workpiece, with one scale
     placement: PlacementRange  # where the workpiece may stand
     combine: Combine
-    # sources whose constant part moves all stations at once, where what counts is that all succeed; None where the
-    # stations are independent
-    shared: Sources | None = None
+    shared: Sources | None = None  # whose constant part moves all stations, where what counts is that all succeed
     draws: int = 256  # of these errors, by which combinations are compared
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -157,26 +158,26 @@ class PlacedStations(DerivedAgain):
     @cached_property
     def joint(self) -> StationsProblem:
         """All stations and the placement as one nonlinear program."""
-        pairs = zip(self.engines, self.targets, strict=True)
+        pairs, box = zip(self.engines, self.targets, strict=True), self.placement.without_seam
         stations = tuple(Station(engine.optimisation_problem, target) for engine, target in pairs)
-        box = self.placement.without_seam
-        return StationsProblem(stations, box.lower, box.upper, self.combine, shared=self._joint_errors)
+        errors = None if self.shared is None else SharedSuccess(self.shared, self._draws.delta[::4])
+        return StationsProblem(stations, box.lower, box.upper, self.combine, shared=errors)
 
     def scaled(self, scale: float) -> PlacedStations:
-        """The same stations with the objectives divided by another variance [m²]."""
+        """Stations with the objectives divided by another variance [m²]."""
         return replace(self, targets=tuple(replace(target, scale=scale) for target in self.targets))
 
     def scale_of(self, found: Postures) -> float:
-        """What the objectives are divided by [m²]: the median over all feasible postures; one where there is none."""
+        """Median variance over all feasible postures [m²], which objectives are divided by; one without any."""
         own = found.main[np.isfinite(found.main)]
         return self.engines[0].scale_of(own * self.targets[0].scale) if len(own) else 1.0
 
     def at(self, w: Array) -> list[TaskTarget]:
-        """The targets of all stations at a placement w (4,) [m, rad], world."""
+        """Targets of all stations at a placement w (4,) [m, rad], world."""
         return [target.moved(w) for target in self.targets]
 
     def in_plane(self, W: Array) -> Array:
-        """Placements W (M, 4), those of a planar arm shifted within the box so that the first target is in reach."""
+        """Placements W (M, 4), of a planar arm shifted within the box so that the first target is in its plane."""
         reach = self.engines[0].optimisation_problem.reach
         if not reach.normals.shape[1]:
             return W
@@ -185,7 +186,7 @@ class PlacedStations(DerivedAgain):
         return np.asarray(np.clip(W + shifts, self.placement.lower, self.placement.upper))
 
     def best(self, W: Array, starts: int, rng: np.random.Generator, known: Array | None = None) -> Postures:
-        """The best postures at placements W (M, 4), from random starts and from ``known`` postures (J, K, n)."""
+        """Best postures at placements W (M, 4), from random starts and from ``known`` postures (J, K, n)."""
         candidates = []
         for k, (engine, target) in enumerate(zip(self.engines, self.targets, strict=True)):
             own = np.zeros((0, engine.robot.n)) if known is None else known[:, k]
@@ -195,7 +196,7 @@ class PlacedStations(DerivedAgain):
         return self._chosen(W, candidates, starts * len(W) * len(self.targets))
 
     def among(self, w: Array, given: Sequence[Array]) -> Postures:
-        """The best of given postures (B, n) of each station at a placement w (4,), as they are."""
+        """Best of given postures (B, n) of each station at a placement w (4,), as they are."""
         none = np.zeros(1)
         each = zip(self.engines, self.at(w), given, strict=True)
         found = [given_candidates(e, [target], Q, np.zeros(len(Q), dtype=int), none) for e, target, Q in each]
@@ -208,7 +209,7 @@ class PlacedStations(DerivedAgain):
         return alone if self.shared is None else self._together(alone, candidates)
 
     def better(self, found: Postures, other: Postures) -> Postures:
-        """The better postures of two searches at the same placements: of each station, or of all that share errors."""
+        """Better postures of two searches at the same placements: of each station, or of all that share errors."""
         mine, theirs = found.main + found.extra, other.main + other.extra
         take = (other.gap < found.gap) | ((other.gap == found.gap) & (theirs < mine))
         if self.shared is not None:
@@ -232,7 +233,7 @@ class PlacedStations(DerivedAgain):
         return loss
 
     def _errors_at(self, k: int, W: Array, of: Codes, Q: Array) -> ErrorParts:
-        """The errors of station k with postures Q (N, n), each at the placement ``of`` (N,) it among W (M, 4)."""
+        """Errors of station k with postures Q (N, n), each at its placement ``of`` (N,) among W (M, 4)."""
         parameters = np.array([self.targets[k].moved(w).parameters for w in W])
         return self._errors[k].at(Q, parameters[of])
 
@@ -249,11 +250,8 @@ class PlacedStations(DerivedAgain):
         probed = [self._errors_at(k, W, every, e.ik.random_postures(32, rng)) for k, e in enumerate(self.engines)]
         return SharedDraws.of([errors.shared for errors in probed], self.draws)
 
-    @cached_property
-    def _joint_errors(self) -> SharedSuccess | None:
-        return None if self.shared is None else SharedSuccess(self.shared, self._draws.delta[::4])
-
     def _together(self, alone: Postures, candidates: Sequence[StationCandidates]) -> Postures:
+        revolute = np.array([joint.type == "revolute" for joint in self.engines[0].robot.joints])
         names = ("main", "extra", "sigma")
         found: dict[str, Any] = {name: np.array(getattr(alone, name)) for name in ("Q", "loss", *names)}
         success = [self._draws.success(self._errors_at(k, alone.W, c.of, c.Q)) for k, c in enumerate(candidates)]
@@ -262,14 +260,9 @@ class PlacedStations(DerivedAgain):
             branches = [
                 Branches(c.Q[r], s[r], c.main[r], c.extra[r]) for c, s, r in zip(candidates, success, rows, strict=True)
             ]
-            chosen, found["loss"][m] = best_combination(branches, self._revolute)
+            chosen, found["loss"][m] = best_combination(branches, revolute)
             for k, (c, r) in enumerate(zip(candidates, rows, strict=True)):
                 found["Q"][m, k] = c.Q[r[chosen[k]]]
                 for name in names:
                     found[name][m, k] = getattr(c, name)[r[chosen[k]]]
         return replace(alone, **found)
-
-    @property
-    def _revolute(self) -> Mask:
-        """(n,) which joints turn."""
-        return np.array([joint.type == "revolute" for joint in self.engines[0].robot.joints])

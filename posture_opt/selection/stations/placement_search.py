@@ -12,13 +12,14 @@ from posture_opt.selection.search.batches import independent_batches, recurrence
 from posture_opt.selection.stations.placed_stations import PlacedStations, Postures
 from posture_opt.selection.stations.stations_problem import StationsOutcome, StationsPoint
 
-_STARTS_PER_PLACEMENT = 12  # random postures of a feature at a placement
-_MAX_BATCHES = 10  # batches
+_STARTS = 12
+"""Random postures of a feature at a placement."""
+_MAX_BATCHES = 10
 
 
 @dataclass(frozen=True)
 class PlacementOptimum:
-    """A placement with its postures (one row), the objective there, and whether IPOPT calls it optimal."""
+    """A placement with its postures (one row), and whether IPOPT calls it optimal."""
 
     found: Postures
     objective: float
@@ -49,19 +50,14 @@ class PlacementSearch:
 
 
 def search_placement(
-    stations: PlacedStations,
-    seed: int,
-    workers: int = 1,
-    progress: Progress | None = None,
-    wanted: int | None = None,
-    accepted: Callable[[PlacementOptimum], bool] | None = None,
-) -> PlacementSearch:
+    stations: PlacedStations, seed: int, workers: int = 1, progress: Progress | None = None,
+    wanted: int | None = None, accepted: Callable[[PlacementOptimum], bool] | None = None,
+) -> PlacementSearch:  # fmt: skip
     """Batches of placements until ``wanted`` of them find the best optimum, or it is not ``accepted``."""
-    # a probability is smooth in the placement, which a largest spread is not
-    usual = 2 if stations.combine == "success" else 3
-    enough = usual if wanted is None else wanted
+    # A probability is smooth in the placement, which a largest spread is not.
+    enough = wanted or (2 if stations.combine == "success" else 3)
     rng = np.random.default_rng([seed, _MAX_BATCHES])
-    probe = stations.best(stations.in_plane(stations.placement.drawn(8, rng)), _STARTS_PER_PLACEMENT, rng)
+    probe = stations.best(stations.in_plane(stations.placement.drawn(8, rng)), _STARTS, rng)
     stations = stations.scaled(stations.scale_of(probe))
     whole: PlacementSearch | None = None
     values: list[float] = []
@@ -85,34 +81,32 @@ def _joined(one: PlacementSearch, other: PlacementSearch) -> PlacementSearch:
 
 
 def _batch(shared: tuple[PlacedStations, int], k: int) -> PlacementSearch:
+    """Placements that fill the box, the best of them improved; without the engines, which need not travel back."""
     stations, seed = shared
-    found = one_batch(stations, seed, k)
-    return replace(found, stations=replace(found.stations, engines=()))  # they need not travel back
-
-
-def one_batch(stations: PlacedStations, seed: int, k: int) -> PlacementSearch:
-    """One batch: placements that fill the box, the best of them improved."""
-    rng = np.random.default_rng([seed, k])
-    count = 32 * max(int(stations.placement.free.sum()) - 1, 1)  # so many more for each free coordinate beyond two
-    W = stations.in_plane(stations.placement.drawn(count, rng))
+    rng, box = np.random.default_rng([seed, k]), stations.placement
+    count = 32 * max(int(box.free.sum()) - 1, 1)  # so many more for each free coordinate beyond two
+    W = stations.in_plane(box.drawn(count, rng))
     if k == 0:
-        W[0] = stations.in_plane(stations.placement.centre[None])[0]
-    screened = _shared(stations, stations.best(W, _STARTS_PER_PLACEMENT, rng), rng)
-    for share in (0.3, 0.1):
+        W[0] = stations.in_plane(box.centre[None])[0]
+    screened = _shared(stations, stations.best(W, _STARTS, rng), rng)
+    for share in (0.3, 0.1):  # of the box, about those that fail least
         if np.isfinite(screened.loss).any():
             break
-        screened = _nearer(stations, screened, share, rng)
+        order = np.argsort(failing(screened), kind="stable")[:4]
+        W = np.vstack([box.near(screened.W[m], share, 12, rng) for m in order])
+        screened = screened.joined(stations.best(stations.in_plane(W), _STARTS, rng, screened.Q[order]))
     optima, solves = _led(stations, _zoomed(stations, screened, rng), 2, rng)
-    for share in (0.4, 0.1) if optima and stations.placement.free.any() else ():
-        nearby = _around(stations, optima[0], share, rng)
+    for share in (0.4, 0.1) if optima and box.free.any() else ():  # for branches that the way there did not see
+        W = stations.in_plane(box.near(optima[0].w, share, 32, rng))
+        nearby = stations.best(W, _STARTS, rng, optima[0].found.Q)
         if nearby.loss.min() < optima[0].objective:
             more, again = _led(stations, nearby, 1, rng)
             optima, solves = _distinct(stations, [*optima, *more]), solves + again
-    return PlacementSearch(stations, optima, screened, 1, 1, solves)
+    return PlacementSearch(replace(stations, engines=()), optima, screened, 1, 1, solves)
 
 
 def _zoomed(stations: PlacedStations, found: Postures, rng: np.random.Generator) -> Postures:
-    # of the box, and the placements about which it is searched
+    """Placements and others about the best, in smaller boxes: tens of them cost as much as one joint solve."""
     for share, leads in ((0.25, 3), (0.08, 3)) if stations.placement.free.any() else ():
         best = _leading(stations, found, leads)
         if not best or not np.isfinite(found.loss[best]).all():
@@ -132,41 +126,36 @@ def _led(
     return _distinct(stations, [end for end, _ in ends if end is not None]), solves
 
 
-def _around(stations: PlacedStations, best: PlacementOptimum, share: float, rng: np.random.Generator) -> Postures:
-    W = stations.in_plane(stations.placement.near(best.w, share, 32, rng))
-    return stations.best(W, _STARTS_PER_PLACEMENT, rng, best.found.Q)
-
-
 def _shared(stations: PlacedStations, found: Postures, rng: np.random.Generator) -> Postures:
+    """Placements, where most fail the failed ones tried with the best postures: few random ones keep clear."""
     best = [m for m in np.argsort(found.loss, kind="stable")[:2] if np.isfinite(found.loss[m])]
     if not best or np.isfinite(found.loss).mean() > 0.75:
         return found
     failed = np.flatnonzero(~np.isfinite(found.loss))
     again = stations.better(found.rows(failed), stations.best(found.W[failed], 0, rng, found.Q[best]))
-    order = np.argsort(np.concatenate([np.flatnonzero(np.isfinite(found.loss)), failed]))
-    return found.rows(np.flatnonzero(np.isfinite(found.loss))).joined(again).rows(order)
-
-
-def _nearer(stations: PlacedStations, found: Postures, share: float, rng: np.random.Generator) -> Postures:
-    order = np.argsort(failing(found), kind="stable")[:4]
-    W = np.vstack([stations.placement.near(found.W[m], share, 12, rng) for m in order])
-    return found.joined(stations.best(stations.in_plane(W), _STARTS_PER_PLACEMENT, rng, found.Q[order]))
+    return found.replaced(failed, again)
 
 
 def failing(found: Postures) -> Array:
-    """(M,) by how much placements fail: features without a posture count first, then by how much they miss it."""
+    """(M,) how much placements fail: features without a posture, then by how much they miss one."""
     missing = found.gap > 0
     return np.asarray(missing.sum(axis=1) + np.minimum(found.gap, 1.0).sum(axis=1) / (1 + found.gap.shape[1]))
+
+
+def _size(stations: PlacedStations) -> Array:
+    """(4,) of the box; one of fixed coordinates."""
+    box = stations.placement
+    return np.where(box.free, box.upper - box.lower, 1.0)
 
 
 def _leading(stations: PlacedStations, found: Postures, most: int) -> list[int]:
     values = found.loss
     feasible = np.isfinite(values)
     order = np.argsort(values if feasible.any() else failing(found), kind="stable")
-    size = np.where(stations.placement.free, stations.placement.upper - stations.placement.lower, 1.0)
+    size = _size(stations)
     chosen: list[int] = []
     for m in order[: int(feasible.sum())] if feasible.any() else order:
-        # of the box: nearer ones lead to one optimum
+        # Nearer ones, as a share of the box, lead to one optimum.
         apart = [np.max(np.abs(found.W[m] - found.W[c]) / size) > 0.15 for c in chosen]
         if all(apart) and np.isfinite(found.Q[m]).all():
             chosen.append(int(m))
@@ -200,14 +189,14 @@ def _as_good(best: float) -> float:
 
 
 def _distinct(stations: PlacedStations, optima: list[PlacementOptimum]) -> tuple[PlacementOptimum, ...]:
-    size = np.where(stations.placement.free, stations.placement.upper - stations.placement.lower, 1.0)
+    size = _size(stations)
     kept: list[PlacementOptimum] = []
     least = min((optimum.objective for optimum in optima), default=0.0)
     tie = least + 3e-5 * max(1.0, abs(least))  # rounding of the placement
     centre = stations.placement.centre
 
     def rank(o: PlacementOptimum) -> tuple[float, float, tuple[float, ...]]:
-        """Of mirrored placements that are as good, the one nearest to the centre, then that of larger coordinates."""
+        """Of equal placements, the one nearest to the centre, then that of larger coordinates."""
         away = round(float(np.linalg.norm((o.w - centre) / size)), 3)
         return max(o.objective, tie), away, tuple(-np.round(o.w, 3))
 

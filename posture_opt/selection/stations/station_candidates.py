@@ -21,18 +21,18 @@ class StationCandidates:
 
     of: Codes  # (R,) placement of each
     Q: Array  # (R, n) postures
-    main: Array  # main, extra: (R,) first term and further terms of the objective
-    extra: Array
+    main: Array  # (R,) first term of the objective
+    extra: Array  # (R,) further terms
     sigma: Array  # (R,) largest standard deviation of the part that counts [m]
     excess: Array  # (R,) violation of the rows, zero where they are met
     gap: Array  # (M,) least error of the inverse kinematics, and how far the target is off the plane of the arm
 
     def at(self, m: int) -> Codes:
-        """The feasible ones at placement m."""
+        """Feasible ones at placement m."""
         return np.flatnonzero((self.of == m) & (self.excess == 0))
 
     def best(self) -> tuple[Array, Array, Array, Array, Array]:
-        """The best at each placement: posture (M, n), and first term, further terms, σ, gap (M,) each."""
+        """Best at each placement: posture (M, n); first term, further terms, σ, gap (M,) each."""
         M, n = len(self.gap), self.Q.shape[1]
         main, extra, sigma, best = np.full(M, np.inf), np.zeros(M), np.full(M, np.inf), np.full((M, n), np.nan)
         gap = self.gap.copy()
@@ -54,13 +54,11 @@ def station_candidates(
     begun = np.concatenate([drawn, np.broadcast_to(known, (M, *known.shape))], axis=1)
     Q, error = engine.ik.solve(begun.reshape(M * count, -1), _requests(engine, targets, count, rng), steps=IK_STEPS)
     of = np.repeat(np.arange(M), count)
-    off = off_plane(engine, targets)
+    off = _off_plane(engine, targets)
     gap = np.maximum(error.reshape(M, count).min(axis=1), off)
     arrived = (error < TOLERANCE) & (off[of] == 0)
-    if branches:
-        rows = _promising(engine, targets, Q, of, _distinct(engine, Q, of, arrived), branches)
-    else:
-        rows = _promising(engine, targets, Q, of, arrived, max(2, count // 8))
+    several = _distinct(engine, Q, of, arrived) if branches else arrived
+    rows = _promising(engine, targets, Q, of, several, branches or max(2, count // 8))
     ends, placements = np.zeros((0, engine.robot.n)), of[rows]
     if len(rows):
         steps = STEPS if M == 1 else 20  # more are taken by searches that end nowhere
@@ -75,22 +73,21 @@ def station_candidates(
 def given_candidates(
     engine: Engine, targets: Sequence[TaskTarget], Q: Array, of: Codes, gap: Array
 ) -> StationCandidates:
-    """Postures Q (R, n) as they are, each at the target ``of`` (R,) it; ``gap`` (M,) as of `StationCandidates`."""
+    """Postures Q (R, n) as they are, each at its target ``of`` (R,)."""
     objective, main, violation, sigma = _values(engine, targets, Q, of).T
     excess = np.where(violation <= ROW_TOLERANCE, 0.0, violation)
     return StationCandidates(of, Q, main, objective - main, sigma, excess, gap)
 
 
 def _requests(engine: Engine, targets: Sequence[TaskTarget], count: int, rng: np.random.Generator) -> PoseRequest:
-    """What ``count`` starts of each target are led to."""
     rows = np.vstack([np.broadcast_to(engine.request(t, count, rng).rows, (count, PARTS[-1])) for t in targets])
     weights = engine.request(targets[0], 1, rng).weights
     position, axis, spin, _, slack, cone = np.split(rows, PARTS[1:-1], axis=1)
     return PoseRequest(position, axis, spin, weights, slack, cone)
 
 
-def off_plane(engine: Engine, targets: Sequence[TaskTarget]) -> Array:
-    """(M,) how far targets lie outside of the plane, or line, that the tool point cannot leave [m]; mostly zero."""
+def _off_plane(engine: Engine, targets: Sequence[TaskTarget]) -> Array:
+    """(M,) distance [m] of targets from the plane, or line, that the tool point cannot leave; mostly zero."""
     reach = engine.optimisation_problem.reach
     if not reach.normals.shape[1]:
         return np.zeros(len(targets))

@@ -14,7 +14,6 @@ import numpy as np
 from posture_opt.model.compiled import BatchFunction
 from posture_opt.numerics import Array, DerivedAgain, Mask
 from posture_opt.selection.answer.combine import combined_success, combined_symbols
-from posture_opt.selection.program.nlp import Row
 from posture_opt.selection.program.nonlinear_solver import NonlinearSolver
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.program.task_target import SIZES, TaskTarget, turned_about_z
@@ -26,14 +25,14 @@ from posture_opt.uncertainty.spread.shared_draws import ErrorParts
 
 @dataclass(frozen=True, eq=False)
 class StationErrors(DerivedAgain):
-    """The errors of the tool point in the m directions that count, over the clearance."""
+    """Errors of the tool point in the m directions that count, over the clearance: symbols and numbers of one graph."""
 
     problem: OptimisationProblem
     sources: Sources  # whose constant part, of r errors, is one draw for all stations
 
     @cached_property
     def symbols(self) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Bias (m, 1), shift (m, r) by independent standard normals that stay, and whole covariance (m, m)."""
+        """Bias (m, 1), shift (m, r) by standard normals that stay, whole covariance (m, m), over the clearance."""
         at = self.problem.quantities
         C, bias = at.projected(at.within)
         shared = at.bases[at.within].T @ self._columns @ ca.DM(self._root)
@@ -61,13 +60,13 @@ class StationErrors(DerivedAgain):
 
     @cached_property
     def _numbers(self) -> BatchFunction:
-        """Postures (N, n) and parameters (N, p) to the flat symbols; interpreted, as there are thousands at most."""
+        """Postures (N, n) and parameters (N, p) to the flat symbols."""
         nlp = self.problem.nlp
         flat = ca.vertcat(*(ca.vec(part) for part in self.symbols))
         return BatchFunction(ca.Function("station_errors", [nlp.x, nlp.p], [ca.densify(flat)]), compiled=False)
 
     def at(self, Q: Array, parameters: Array) -> ErrorParts:
-        """The parts at postures Q (N, n), each at its target of ``parameters`` (N, p)."""
+        """Parts at postures Q (N, n), each at its target of ``parameters`` (N, p)."""
         (m, r), flat = self.symbols[1].shape, self._numbers(Q, parameters)
         bias, shared, C = np.split(flat, [m, m + m * r], axis=1)
         return ErrorParts.of(bias, shared.reshape(-1, r, m).swapaxes(1, 2), C.reshape(-1, m, m))
@@ -79,7 +78,7 @@ class StationErrors(DerivedAgain):
         b, A, S = ca.SX.sym("b", m), ca.SX.sym("A", m, r), ca.SX.sym("S", m, m)
         mean = ca.repmat(b, 1, len(delta)) + A @ ca.DM(delta.T)
         conditional = ca.Function("given_draws", [b, A, S], [_within(mean, S).T])
-        # of the clearance: narrower scatter is neither smooth in the draws nor seen by the nodes
+        # Of the clearance: narrower scatter is neither smooth in the draws nor seen by the nodes.
         scatter = C - shared @ shared.T + 0.15**2 * ca.SX.eye(m)
         parts = ca.Function("parts", [nlp.x, nlp.p], [ca.densify(v) for v in (bias, shared, scatter)])
         x, p = ca.MX.sym("x", nlp.x.shape[0]), ca.MX.sym("p", nlp.p.shape[0])
@@ -103,22 +102,17 @@ def _within(mean: ca.SX, covariance: ca.SX) -> ca.SX:
 
 
 def _between(half: float, mu: ca.SX, sigma: ca.SX) -> ca.SX:
-    """The probability that Gaussian numbers of means ``mu`` lie between -half and half."""
+    """Probability of a Gaussian number between −half and half."""
     root = math.sqrt(2) * sigma
     return (ca.erf((half - mu) / root) + ca.erf((half + mu) / root)) / 2
-
-
-_POINT_PARAMETERS = ("lower", "upper")  # of the target's parameters; the other ones of three entries are directions
 
 
 class StationFunction:
     """``(w, q, c) -> (f, extra, g)``: first and further terms, rows between constant ends, ``c`` moved by w."""
 
     def __init__(self, problem: OptimisationProblem, first: ca.Function | None = None) -> None:
-        nlp = problem.nlp
+        nlp, parts = problem.nlp, _constant_rows(problem)
         extra = sum((expression for _, expression in nlp.terms[1:]), ca.SX(0))
-        parts = [part for row in nlp.rows for part in _one_sided(row)]
-        parts += _in_reach(problem)
         rows = ca.vertcat(ca.SX(0, 1), *(expression for expression, _, _ in parts))
         at_target = ca.Function("at_target", [nlp.x, nlp.p], [nlp.terms[0][1], extra, rows])
         kind: Any = ca.SX if first is None else ca.MX
@@ -127,58 +121,47 @@ class StationFunction:
         outputs = list(at_target(q, moved))
         outputs[0] = outputs[0] if first is None else first(q, moved)
         self.call: ca.Function = ca.Function("station", [w, q, c], [ca.densify(output) for output in outputs])
-        low, high = np.array([low for _, low, _ in parts]), np.array([high for _, _, high in parts])
-        self.ends: tuple[Array, Array] = (low, high)
+        self.ends: tuple[Array, Array] = (
+            np.array([low for _, low, _ in parts]),
+            np.array([high for *_, high in parts]),
+        )
 
 
 def moved_parameters(c: Any, w: Any) -> Any:
-    """The parameters of a target in the frame of the workpiece, at the placement w (4,), world; SX or MX."""
+    """Parameters of a target in the frame of the workpiece that stands at w (4,), world; SX or MX."""
     parts, at = [], 0
     for name, size in SIZES.items():
         part = c[at : at + size]
         at += size
         if size == 3:
             part = turned_about_z(part, ca.cos(w[3]), ca.sin(w[3]))
-            part = part + w[:3] if name in _POINT_PARAMETERS else part
+            part = part + w[:3] if name in ("lower", "upper") else part  # the others are directions
         parts.append(part)
     return ca.vertcat(*parts)
 
 
-def _one_sided(row: Row) -> list[tuple[ca.SX, float, float]]:
-    if ca.is_equal(row.lower, row.upper, 2):
-        return [(row.expression - row.lower, 0.0, 0.0)]
-    sides = []
-    if not _infinite(row.lower):
-        sides.append((row.expression - row.lower, 0.0, np.inf))
-    if not _infinite(row.upper):
-        sides.append((row.expression - row.upper, -np.inf, 0.0))
-    return sides
+def _constant_rows(problem: OptimisationProblem) -> list[tuple[ca.SX, float, float]]:
+    """Rows between constants, as their bounds depend on the target; with the plane (or line) of the tool point."""
+    parts: list[tuple[ca.SX, float, float]] = []
+    for row in problem.nlp.rows:
+        if ca.is_equal(row.lower, row.upper, 2):
+            parts.append((row.expression - row.lower, 0.0, 0.0))
+            continue
+        for bound, low, high in ((row.lower, 0.0, np.inf), (row.upper, -np.inf, 0.0)):
+            if not (bound.is_constant() and np.isinf(float(bound))):
+                parts.append((row.expression - bound, low, high))
+    off, slack = problem.nlp.p[:3] - ca.DM(problem.reach.offset), float(problem.reach.plane_slack)
+    return parts + [(ca.dot(ca.DM(normal), off), -slack, slack) for normal in problem.reach.normals.T]
 
 
-def _infinite(bound: ca.SX) -> bool:
-    return bool(bound.is_constant()) and bool(np.isinf(float(bound)))
-
-
-def _in_reach(problem: OptimisationProblem) -> list[tuple[ca.SX, float, float]]:
-    reach = problem.reach
-    off = problem.nlp.p[:3] - ca.DM(reach.offset)
-    slack = float(reach.plane_slack)
-    return [(ca.dot(ca.DM(normal), off), -slack, slack) for normal in reach.normals.T]
-
-
-_VARIABLES_BEFORE_POSTURES = 5  # variables before the postures: the placement (4,) and the level that is minimised
-_STEP_WEIGHT = 1e-4  # of the mean squared step [rad²]: makes the motion the only one
+_BEFORE_POSTURES = 5
+"""Variables before the postures: the placement (4,) and the level that is minimised."""
 BARRIER = 1e-3
 """Barrier that IPOPT starts with: starts are feasible and good, but the placement has a way to go."""
 _OPTIONS = {
-    "ipopt.tol": 1e-7,
-    "ipopt.constr_viol_tol": 1e-9,
-    "ipopt.bound_push": 1e-6,
-    "ipopt.bound_frac": 1e-6,
-    "ipopt.acceptable_iter": 0,
-    "ipopt.fixed_variable_treatment": "make_parameter",
-}
-
+    "ipopt.tol": 1e-7, "ipopt.constr_viol_tol": 1e-9, "ipopt.bound_push": 1e-6, "ipopt.bound_frac": 1e-6,
+    "ipopt.acceptable_iter": 0, "ipopt.fixed_variable_treatment": "make_parameter",
+}  # fmt: skip
 _AVERAGE_OPTIONS = {"ipopt.hessian_approximation": "limited-memory", "ipopt.tol": 1e-4}
 """Of an average over draws: nearer to its optimum is not nearer to that of the probability."""
 
@@ -201,13 +184,12 @@ class StationsPoint:
 
 @dataclass(frozen=True)
 class StationsOutcome:
-    """Where one solve ended: the point, its objective, the worst row, the solver's words."""
+    """Where one solve ended."""
 
     point: StationsPoint
     objective: float
-    violation: float
+    violation: float  # of the worst row
     optimal: bool
-    message: str
     iterations: int
     residual: float  # the largest one of the optimality conditions, scaled
 
@@ -218,8 +200,7 @@ class StationSteps:
 
     counted: Mask  # (n,) joints whose steps count; the others stay where a solve starts
     parts: Array  # (S,) how many times each step counts where steps are compared with each other
-    # whether a last step leads back to the first posture, or to one that is whole turns of joints away
-    closed: bool = False
+    closed: bool = False  # whether a last step leads back to the first posture, or whole turns away from it
 
 
 @dataclass(frozen=True, eq=False)
@@ -251,47 +232,36 @@ class StationsProblem(DerivedAgain):
     steps: StationSteps | None = None  # between neighbours; None where each posture is free of the others
     max_iterations: int = 300
     barrier: float = BARRIER  # that IPOPT starts with, less where the start is nearly the optimum
-    # where what counts is that all succeed, errors that the stations share; None where they share none
-    shared: SharedSuccess | None = None
+    shared: SharedSuccess | None = None  # errors that the stations share, where what counts is that all succeed
 
     def solve(self, start: StationsPoint, most: Array | float = np.inf, turns: Array | float = 0.0) -> StationsOutcome:
         """Local optimum near a start; steps up to ``most`` (S, n), closing ``turns`` (n,) away [rad or m]."""
         return self._solved(self._least_objective, start, most=most, turns=turns)
 
-    def least_step(
-        self, start: StationsPoint, weights: Array | None = None, turns: Array | float = 0.0
-    ) -> StationsOutcome:
+    def least_step(self, start: StationsPoint, weights: Array, turns: Array | float = 0.0) -> StationsOutcome:
         """Postures of least largest step, weighted by ``weights`` (S, n), whatever the objectives."""
-        assert self.steps is not None, "stations that are not joined have no steps"
-        each = np.asarray(self.steps.parts, dtype=float)[:, None] if weights is None else weights
-        return self._solved(self._least_step, start, weights=each, turns=turns)
+        return self._solved(self._least_step, start, weights=weights, turns=turns)
 
     def _solved(
-        self,
-        program: _Program,
-        start: StationsPoint,
-        most: Array | float = np.inf,
-        weights: Array | float = 0.0,
+        self, program: _Program, start: StationsPoint, most: Array | float = np.inf, weights: Array | float = 0.0,
         turns: Array | float = 0.0,
-    ) -> StationsOutcome:
+    ) -> StationsOutcome:  # fmt: skip
         Q = np.asarray(start.Q, dtype=float)
-        lower, upper = self._bounds(Q, turns)
+        lower, upper = self._variable_ends(Q, turns)
         p = self._step_parameters(weights, turns)
         x0 = np.concatenate([np.clip(start.w, self.lower, self.upper), [0.0], Q.ravel()])
         x0[4] = np.clip(float(program.level(x0, p)), lower[4], upper[4])
         row_lower, row_upper = self._row_ends(program, most)
-        found = program.solver.solve(x0, lower, upper, row_lower, row_upper, p=p)
+        ends = lower, upper, row_lower, row_upper
+        found = program.solver.solve(x0, *ends, p=p)
         x = np.clip(found.x, lower, upper)
         g = np.asarray(program.rows(x, p)).ravel()
         violation = float(np.max(np.maximum(row_lower - g, g - row_upper), initial=0.0))
-        ends = lower, upper, row_lower, row_upper
         residual = program.solver.residual(replace(found, x=x), *ends, p=p) if found.optimal else np.inf
-        point = StationsPoint(x[:4], x[_VARIABLES_BEFORE_POSTURES:].reshape(Q.shape))
-        return StationsOutcome(
-            point, float(program.level(x, p)), violation, found.optimal, found.message, found.iterations, residual
-        )
+        point, level = StationsPoint(x[:4], x[_BEFORE_POSTURES:].reshape(Q.shape)), float(program.level(x, p))
+        return StationsOutcome(point, level, violation, found.optimal, found.iterations, residual)
 
-    def _bounds(self, Q: Array, turns: Array | float) -> tuple[Array, Array]:
+    def _variable_ends(self, Q: Array, turns: Array | float) -> tuple[Array, Array]:
         robot, level = self.stations[0].optimisation_problem.robot, np.inf if self.combine == "worst" else 0.0
         idle = np.zeros(robot.n, dtype=bool) if self.steps is None else ~self.steps.counted
         low, high = (np.where(idle, Q, np.asarray(ends)) for ends in (robot.lower, robot.upper))
@@ -305,9 +275,8 @@ class StationsProblem(DerivedAgain):
         if self.steps is not None and program.bounded:
             shape = len(self.steps.parts), len(self.steps.counted)
             bounds = np.broadcast_to(most, shape)[:, self.steps.counted].ravel()
-        return (
-            np.concatenate([lower, np.zeros(others), -bounds]), np.concatenate([upper, np.full(others, np.inf), bounds])
-        )  # fmt: skip
+        upper = np.concatenate([upper, np.full(others, np.inf), bounds])
+        return np.concatenate([lower, np.zeros(others), -bounds]), upper
 
     def _step_parameters(self, weights: Array | float, turns: Array | float) -> Array:
         if self.steps is None:
@@ -319,11 +288,9 @@ class StationsProblem(DerivedAgain):
     @cached_property
     def _least_objective(self) -> _Program:
         x, p, main, extra, rows = self._expressions
-        if self.shared is not None:
-            objective = combined_success(main, extra)
-            return self._program(x, p, objective, objective, rows)
-        objective = combined_symbols(self.combine, main, extra)
-        if self.combine != "worst":
+        shared = self.shared is not None
+        objective = combined_success(main, extra) if shared else combined_symbols(self.combine, main, extra)
+        if shared or self.combine != "worst":
             return self._program(x, p, objective, objective, rows)
         level, values = x[4], main + extra
         rows = [*rows, level - values]
@@ -331,8 +298,8 @@ class StationsProblem(DerivedAgain):
             return self._program(x, p, level, objective, rows)
         moved, parts = self._moved(x, p, self.steps), ca.DM(np.asarray(self.steps.parts, dtype=float)).T
         even = moved * ca.repmat(parts, moved.shape[0], 1)
-        # stations that are not the worst are good too
-        tie = 1e-4 * ca.sum1(values) / len(self.stations) + _STEP_WEIGHT * ca.sumsqr(even) / even.shape[1]
+        # Stations that are not the worst are good too, and of equal motions there is one.
+        tie = 1e-4 * ca.sum1(values) / len(self.stations) + 1e-4 * ca.sumsqr(even) / even.shape[1]
         return self._program(x, p, level + tie, objective, [*rows, ca.vec(moved)], int(moved.numel()))
 
     @cached_property
@@ -344,7 +311,7 @@ class StationsProblem(DerivedAgain):
         mean = ca.sum1(main + extra) / len(self.stations) + ca.sumsqr(moved) / moved.shape[1]
         step = ca.mmax(ca.fabs(ca.vec(moved)))
         rows = [*rows, ca.vec(level - moved), ca.vec(level + moved)]
-        return self._program(x, p, level + _STEP_WEIGHT**2 * mean, step, rows)
+        return self._program(x, p, level + 1e-8 * mean, step, rows)
 
     def _program(
         self, x: ca.MX, p: ca.MX, objective: ca.MX, level: ca.MX, rows: Sequence[ca.MX], bounded: int = 0
@@ -360,7 +327,7 @@ class StationsProblem(DerivedAgain):
     def _expressions(self) -> tuple[ca.MX, ca.MX, ca.MX, ca.MX, list[ca.MX]]:
         """Variables, parameters, first terms (K, 1) or (K, N) given draws, further terms (K, 1), rows."""
         n, K = self.stations[0].optimisation_problem.robot.n, len(self.stations)
-        x, p = ca.MX.sym("x", _VARIABLES_BEFORE_POSTURES + n * K), ca.MX.sym("p", len(self._step_parameters(0.0, 0.0)))
+        x, p = ca.MX.sym("x", _BEFORE_POSTURES + n * K), ca.MX.sym("p", len(self._step_parameters(0.0, 0.0)))
         parts = []
         for function, of in self._functions:
             parameters = ca.DM(np.array([self.stations[k].target.parameters for k in of]).T)
@@ -374,16 +341,16 @@ class StationsProblem(DerivedAgain):
         served: dict[int, list[int]] = {}
         for k, station in enumerate(self.stations):
             served.setdefault(id(station.optimisation_problem), []).append(k)
-        return [(self._function(self.stations[of[0]].optimisation_problem), of) for of in served.values()]
-
-    def _function(self, problem: OptimisationProblem) -> StationFunction:
-        if self.shared is None:
-            return StationFunction(problem)
-        return StationFunction(problem, StationErrors(problem, self.shared.sources).success(self.shared.delta))
+        functions = []
+        for of in served.values():
+            problem, shared = self.stations[of[0]].optimisation_problem, self.shared
+            first = None if shared is None else StationErrors(problem, shared.sources).success(shared.delta)
+            functions.append((StationFunction(problem, first), of))
+        return functions
 
     def _postures(self, x: ca.MX) -> ca.MX:
         """(n, K) the postures among the variables."""
-        return ca.reshape(x[_VARIABLES_BEFORE_POSTURES:], -1, len(self.stations))
+        return ca.reshape(x[_BEFORE_POSTURES:], -1, len(self.stations))
 
     def _moved(self, x: ca.MX, p: ca.MX, steps: StationSteps) -> ca.MX:
         """(m, S) steps of the counted joints [rad or m]."""
