@@ -30,8 +30,8 @@ class Motion:
     """Postures Q (K, n) [rad or m] of the points of a path."""
 
     Q: Array
-    objectives: Array  # (K,), scaled; violations: (K,) the worst row of each [m, rad or 1]
-    violations: Array
+    objectives: Array  # (K,), scaled
+    violations: Array  # (K,) the worst row of each [m, rad or 1]
     sigma: Array  # (K,) largest standard deviation in the part that counts [m]
     steps: Array  # (L − 1,) largest range that a joint sweeps between neighbours of the L listed points [rad or m]
     optimal: bool  # whether first-order conditions hold, or nothing was left to choose but between separate postures
@@ -50,7 +50,7 @@ class Motion:
 
     @property
     def objective(self) -> float:
-        """The objective of the worst point, scaled."""
+        """Objective of the worst point, scaled."""
         return float(np.max(self.objectives))
 
     @property
@@ -60,7 +60,7 @@ class Motion:
 
     @property
     def largest_step(self) -> float:
-        """The largest change of a joint between listed points [rad or m]."""
+        """Largest change of a joint between listed points [rad or m]."""
         return float(np.max(self.steps))
 
     def to_json(self) -> dict[str, float]:
@@ -75,8 +75,8 @@ class Motion:
 
 def breaks_away(engine: Engine, Q: Array) -> Mask:
     """(K − 1,) whether the tool leaves the line between postures (K, n) by more than half of its length."""
-    ends = _positions(engine)(Q)
-    return np.asarray(off_lines(engine, Q) > 0.5 * np.linalg.norm(np.diff(ends, axis=0), axis=1))
+    ways = np.diff(_positions(engine)(Q), axis=0)
+    return np.asarray(off_lines(engine, Q) > 0.5 * np.linalg.norm(ways, axis=1))
 
 
 def _positions(engine: Engine) -> BatchFunction:
@@ -87,11 +87,9 @@ def _positions(engine: Engine) -> BatchFunction:
 
 def off_lines(engine: Engine, Q: Array) -> Array:
     """(K − 1,) distance [m] of the tool point from the lines between postures (K, n), joints moving evenly."""
-    shares = np.linspace(0.0, 1.0, 7 + 2)[1:-1]
-    between = Q[:-1, None] + shares[:, None] * (Q[1:] - Q[:-1])[:, None]
-    position = _positions(engine)
-    reached = position(between.reshape(-1, Q.shape[1])).reshape(len(Q) - 1, 7, 3)
-    ends = position(Q)
+    shares, position = np.linspace(0.0, 1.0, 9)[1:-1], _positions(engine)
+    within = Q[:-1, None] + shares[:, None] * (Q[1:] - Q[:-1])[:, None]
+    reached, ends = position(within.reshape(-1, Q.shape[1])).reshape(len(Q) - 1, len(shares), 3), position(Q)
     start, way = ends[:-1, None], (ends[1:] - ends[:-1])[:, None]
     along = np.clip(np.sum((reached - start) * way, axis=2) / np.sum(way**2, axis=2), 0.0, 1.0)
     return np.asarray(np.max(np.linalg.norm(reached - start - along[..., None] * way, axis=2), axis=1))
@@ -108,7 +106,7 @@ class TimeLaw:
 
     @cached_property
     def _use(self) -> Array:
-        """(K − 1, n) the share [s/m] of its largest speed that each joint needs where the tool moves by 1 m/s."""
+        """(K − 1, n) share [s/m] of each joint's largest speed at 1 m/s of the tool."""
         moved = np.abs(np.diff(self.Q, axis=0)) / np.diff(self.lengths)[:, None]
         use = moved / np.array(self.robot.velocities)
         return np.where(np.isnan(use), 0.0, use)
@@ -120,7 +118,7 @@ class TimeLaw:
 
     @property
     def highest(self) -> float | None:
-        """The highest constant speed of the tool point [m/s]; None where no joint with a known largest speed moves."""
+        """Highest constant speed of the tool point [m/s]; None where no joint of known largest speed moves."""
         use = float(self._use[self._most_used])
         return 1 / use if use > 0 else None
 
@@ -136,48 +134,38 @@ class TimeLaw:
 
     @property
     def limiting_step(self) -> int | None:
-        """Number of the step between points, from zero, in which the limiting joint is nearest to its largest speed."""
+        """Number of the step, from 0, in which the limiting joint is nearest to its largest speed."""
         return None if self.highest is None else self._most_used[0]
 
     @property
     def limiting_joint(self) -> str | None:
-        """The joint that comes nearest to its largest speed: it bounds the speed of the tool."""
+        """Joint that bounds the speed of the tool."""
         return None if self.highest is None else self.robot.joint_names[self._most_used[1]]
 
     @property
-    def limiting_velocity(self) -> float:
-        """The largest speed of the limiting joint [rad/s or m/s]; NaN where nothing bounds the tool."""
-        return math.nan if self.highest is None else self.robot.velocities[self._most_used[1]]
-
-    @property
     def unknown(self) -> tuple[str, ...]:
-        """The joints that move, of which no largest speed is known: nothing is checked of them."""
-        moving = np.any(np.diff(self.Q, axis=0) != 0, axis=0)
-        return tuple(
-            j.name for j, moves in zip(self.robot.joints, moving, strict=True) if moves and math.isnan(j.velocity)
-        )
+        """Joints that move and whose largest speed is not known."""
+        moving = zip(self.robot.joints, np.any(np.diff(self.Q, axis=0) != 0, axis=0), strict=True)
+        return tuple(joint.name for joint, moves in moving if moves and math.isnan(joint.velocity))
 
     @property
     def whole_turns(self) -> dict[str, int]:
-        """Joint -> the whole turns that it ends away from where it began, of a motion that comes back but for these."""
+        """Joint -> whole turns that it ends away from where it began."""
         turns = np.rint((self.Q[-1] - self.Q[0]) / TURN).astype(int)
         return {name: int(turn) for name, turn in zip(self.robot.joint_names, turns, strict=True) if turn}
 
 
 def step_bounds(steps: JointSteps, path: TaskPath, largest: float, speed: float | None) -> Array:
-    """(K − 1, n) bound of each joint's step [rad or m] by ``largest`` between listed points and the tool's speed
-    [m/s]."""
+    """(K − 1, n) bound of each joint's step [rad or m], by ``largest`` between listed points and the speed [m/s]."""
     even = largest / np.asarray(path.parts, dtype=float)[:, None]
     even = np.where(steps.span > even, even, np.inf)
     most = even if speed is None else np.minimum(even, speed_bounds(steps, path, speed))
-    # what a solver may overstep; no joint stands quite still
-    return np.asarray(np.maximum(most - 1e-9, 1e-12))
+    return np.asarray(np.maximum(most - 1e-9, 1e-12))  # a solver may overstep it, and no joint stands quite still
 
 
 def speed_bounds(steps: JointSteps, path: TaskPath, speed: float) -> Array:
-    """(K − 1, n) how far each joint turns between the points at its largest speed, the tool at ``speed`` [m/s]."""
-    velocities = np.array(steps.robot.velocities)
-    each = np.diff(path.lengths)[:, None] / speed * velocities
+    """(K − 1, n) motion of each joint at its largest speed between the points, the tool at ``speed`` [m/s]."""
+    each = np.diff(path.lengths)[:, None] / speed * np.array(steps.robot.velocities)
     return np.asarray(np.where(np.isnan(each), np.inf, each))
 
 
@@ -185,13 +173,11 @@ def speed_bounds(steps: JointSteps, path: TaskPath, speed: float) -> Array:
 class PathBreak:
     """A step between points at which the arm changes its posture off the path."""
 
-    first: int  # first, last: numbers of the listed points that it is between, from 1
+    first: int  # number of the listed point before it, from 1
     last: int
-    # singular where the arm loses a direction of motion there, else limits: it could only go on beyond the limits of
-    # its joints, or through what it must keep clear of
-    kind: Literal["singular", "limits"]
-    joint: str  # that moves most; moved by how much [rad or m]; unit of it
-    moved: float
+    kind: Literal["singular", "limits"]  # limits: of joints, or of what the arm must keep clear of
+    joint: str  # that moves most
+    moved: float  # [rad or m]
     unit: Literal["rad", "m"]
     off: float  # how far the tool leaves the straight line where all joints move evenly [m]
     step: int  # number of the step among those of all points, added ones too, from 0
@@ -201,79 +187,40 @@ class PathBreak:
         return dict(vars(self))
 
 
-@dataclass(frozen=True)
-class _Breaks:
-    """The search for breaks of one motion (K, n) through targets."""
+def passes_singularity(engine: Engine, targets: Sequence[TaskTarget], Q: Array, k: int) -> bool:
+    """Whether the arm, led on from either end of the step from point k of a motion (K, n), comes near a singularity.
 
-    engine: Engine
-    path: TaskPath
-    targets: tuple[TaskTarget, ...]
-    steps: JointSteps
-    Q: Array
+    That is a sensitivity below a tenth of the median along the motion.
+    """
+    sampled = Q[np.linspace(0, len(Q) - 1, min(len(Q), 40)).astype(int)]
+    usual = float(np.median([_sensitivity(engine, q) for q in sampled]))
+    a, b = targets[k], targets[k + 1]
+    ways = (*_followed(engine, Q[k], a, b), *_followed(engine, Q[k + 1], b, a))
+    return min(_sensitivity(engine, q) for q in ways) < 0.1 * usual
 
-    def at(self, k: int, off: float) -> PathBreak:
-        """What is wrong with the step from point k to the next."""
-        moved = np.abs(self.Q[k + 1] - self.Q[k]) * self.steps.counted
-        joint = int(np.argmax(moved))
-        first = int(np.count_nonzero(self.path.listed[: k + 1]))
-        robot = self.engine.robot
-        kind: Literal["singular", "limits"] = "singular" if self.is_singular(k) else "limits"
-        return PathBreak(
-            first, first + 1, kind, robot.joints[joint].name, float(moved[joint]), robot.joints[joint].unit, off, k
-        )
 
-    def is_singular(self, k: int) -> bool:
-        """Whether the arm comes near a singular posture where it is led on from either end of the step."""
-        sampled = self.Q[np.linspace(0, len(self.Q) - 1, min(len(self.Q), 40)).astype(int)]
-        usual = float(np.median([self._sensitivity(q) for q in sampled]))
-        ways = (*self._followed(k, k + 1), *self._followed(k + 1, k))
-        return min(self._sensitivity(q) for q in ways) < 0.1 * usual  # of the median along the motion
-
-    def _followed(self, start: int, end: int) -> Iterator[Array]:
-        """Postures (n,) from point ``start`` towards point ``end``, each from the one before, as far as they lead."""
-        q, a, b = self.Q[start], self.targets[start], self.targets[end]
+def _followed(engine: Engine, q: Array, a: TaskTarget, b: TaskTarget) -> Iterator[Array]:
+    """Postures (n,) from target a towards b, each from the one before, as far as they lead."""
+    yield q
+    for share in (np.arange(1, 24 + 1) / 24).tolist():
+        x = (1 - share) * a.lower + share * b.lower
+        aim = replace(a, lower=x, upper=x, axis=between(a.axis, b.axis, share))
+        moved, errors = engine.ik.solve(q[None], held(engine, aim))
+        if errors[0] >= TOLERANCE:
+            return
+        q = moved[0]
         yield q
-        for share in (np.arange(1, 24 + 1) / 24).tolist():
-            x = (1 - share) * a.lower + share * b.lower
-            aim = replace(a, lower=x, upper=x, axis=between(a.axis, b.axis, share))
-            moved, errors = self.engine.ik.solve(q[None], held(self.engine, aim))
-            if errors[0] >= TOLERANCE:
-                return
-            q = moved[0]
-            yield q
-
-    def _sensitivity(self, q: Array) -> float:
-        """Smallest singular value of the held motions [m, and rad times the size of the workspace]."""
-        problem = self.engine.optimisation_problem
-        J = np.asarray(problem.arm.jacobian(q), dtype=float)
-        reach = problem.reach
-        rows, rank = [reach.directions.T @ J[:3]], reach.directions.shape[1]
-        if problem.axis_rows:
-            R = np.asarray(problem.arm.pose(q), dtype=float)[:3, :3]
-            axis = R @ (np.array(problem.task.tool_axis) / np.linalg.norm(problem.task.tool_axis))
-            rows.append(reach.radius * np.cross(J[3:].T, axis).T)
-            rank += reach.axis_rank if reach.orients_at_point else 0
-        values = np.linalg.svd(np.vstack(rows), compute_uv=False)
-        return float(values[min(rank, len(values)) - 1])
 
 
-def path_breaks(
-    engine: Engine,
-    path: TaskPath,
-    targets: tuple[TaskTarget, ...],
-    steps: JointSteps,
-    Q: Array,
-    off: Array,
-    jumps: Mask,
-) -> tuple[PathBreak, ...]:
-    """Steps of a motion (K, n) off the path by more than half of their length, and known ``jumps`` (K − 1,)."""
-    found = _Breaks(engine, path, targets, steps, Q)
-    where = np.flatnonzero(breaks_away(engine, Q) | jumps)
-    return tuple(found.at(k, float(off[k])) for k in where.tolist())
-
-
-def passes_singularity(
-    engine: Engine, path: TaskPath, targets: tuple[TaskTarget, ...], steps: JointSteps, Q: Array, k: int
-) -> bool:
-    """Whether the arm comes near a singular posture between points k and k + 1 of a motion (K, n)."""
-    return _Breaks(engine, path, targets, steps, Q).is_singular(k)
+def _sensitivity(engine: Engine, q: Array) -> float:
+    """Smallest singular value of the held motions [m, and rad times the size of the workspace]."""
+    problem = engine.optimisation_problem
+    J, reach = np.asarray(problem.arm.jacobian(q), dtype=float), problem.reach
+    rows, rank = [reach.directions.T @ J[:3]], reach.directions.shape[1]
+    if problem.axis_rows:
+        R = np.asarray(problem.arm.pose(q), dtype=float)[:3, :3]
+        axis = R @ (np.array(problem.task.tool_axis) / np.linalg.norm(problem.task.tool_axis))
+        rows.append(reach.radius * np.cross(J[3:].T, axis).T)
+        rank += reach.axis_rank if reach.orients_at_point else 0
+    values = np.linalg.svd(np.vstack(rows), compute_uv=False)
+    return float(values[min(rank, len(values)) - 1])

@@ -6,6 +6,8 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import chain
+from typing import Literal
 
 import numpy as np
 
@@ -15,6 +17,7 @@ from posture_opt.selection.answer.placement import PlacementRange
 from posture_opt.selection.paths.joint_steps import JointSteps, StepGraph
 from posture_opt.selection.paths.motion import (
     Motion,
+    PathBreak,
     TimeLaw,
     breaks_away,
     passes_singularity,
@@ -38,58 +41,21 @@ from posture_opt.selection.stations.stations_problem import (
 )
 
 
-@dataclass(frozen=True, eq=False)
-class SmoothMotion:
-    """The smooth problem of a path; of a closed one the last point is the first one again and has no variables."""
-
-    problem: StationsProblem  # its stations, all points but the last one of a closed path
-    closed: bool
-
-    @classmethod
-    def of(
-        cls,
-        problem: OptimisationProblem,
-        steps: JointSteps,
-        targets: Sequence[TaskTarget],
-        path: TaskPath,
-        closed: bool,
-        box: PlacementRange | None = None,
-        barrier: float = BARRIER,
-    ) -> SmoothMotion:
-        """Problem of all points, their targets in the frame of the workpiece that may stand in ``box``."""
-        stations = tuple(Station(problem, target) for target in (targets[:-1] if closed else targets))
-        lower, upper = (np.zeros(4), np.zeros(4)) if box is None else (box.lower, box.upper)
-        joined = StationSteps(steps.counted, np.asarray(path.parts, dtype=float), closed)
-        most = 200
-        program = StationsProblem(stations, lower, upper, steps=joined, max_iterations=most, barrier=barrier)
-        return cls(program, closed)
-
-    def solve(self, start: StationsPoint, most: Array) -> StationsOutcome:
-        """The local optimum from a motion (K, n), with no joint moving more than ``most`` (K − 1, n) [rad or m]."""
-        turns = self._turns(start)
-        return self._whole(self.problem.solve(self._open(start), most, turns), turns)
-
-    def least_step(self, start: StationsPoint, weights: Array) -> StationsOutcome:
-        """The motion whose largest step, times its weights (K − 1, n), is least."""
-        turns = self._turns(start)
-        return self._whole(self.problem.least_step(self._open(start), weights, turns), turns)
-
-    def _turns(self, start: StationsPoint) -> Array:
-        """(n,) how far from its first posture a closed motion ends [rad]; zero of others."""
-        return start.Q[-1] - start.Q[0] if self.closed else np.zeros(start.Q.shape[1])
-
-    def _open(self, start: StationsPoint) -> StationsPoint:
-        return replace(start, Q=start.Q[:-1]) if self.closed else start
-
-    def _whole(self, end: StationsOutcome, turns: Array) -> StationsOutcome:
-        if not self.closed:
-            return end
-        Q = np.vstack([end.point.Q, end.point.Q[0] + turns])
-        return replace(end, point=replace(end.point, Q=Q))
+def smooth_motion(
+    problem: OptimisationProblem, steps: JointSteps, targets: Sequence[TaskTarget], path: TaskPath, closed: bool,
+    box: PlacementRange | None = None, barrier: float = BARRIER,
+) -> StationsProblem:  # fmt: skip
+    """Problem of all points of a path, their targets in the frame of the workpiece that may stand in ``box``."""
+    stations = tuple(Station(problem, target) for target in (targets[:-1] if closed else targets))
+    lower, upper = (np.zeros(4), np.zeros(4)) if box is None else (box.lower, box.upper)
+    joined = StationSteps(steps.counted, np.asarray(path.parts, dtype=float), closed)
+    return StationsProblem(stations, lower, upper, steps=joined, max_iterations=200, barrier=barrier)
 
 
-_MAX_START_WAYS = 3  # ways that the smooth problem starts from
-_STEP_RATIO = 3.0  # times the smallest step that is possible: what is allowed where nothing is stated
+_MAX_START_WAYS = 3
+"""Ways that the smooth problem starts from."""
+_STEP_RATIO = 3.0
+"""Times the smallest step that is possible: what is allowed where nothing is stated."""
 STEP_TOLERANCE_RAD = 1e-9
 """By which a step may exceed its bound [rad or m]: rounding."""
 
@@ -108,16 +74,15 @@ class Paces:
 class MotionSearch(DerivedAgain):
     """The search among the candidates of one path."""
 
-    engine: Engine  # of the points; guard has rows that keep the arm clear of the scene
-    guard: Engine
+    engine: Engine  # of the points
+    guard: Engine  # with rows that keep the arm clear of the scene
     path: TaskPath
     found: PathCandidates
     steps: JointSteps
     scene: Scene
     closed: bool  # whether the motion comes back to its first posture; the candidates of both ends are then the same
     alone: Array  # (K,) the best objective at each point by itself, as far as it was sought: minus infinity elsewhere
-    # smooth problems at most; a few candidates that are motions themselves need no second one
-    starts: int = 1 + 2 * _MAX_START_WAYS
+    starts: int = 1 + 2 * _MAX_START_WAYS  # smooth problems at most; candidates that are motions need no second one
     apart: PathCandidates | None = None  # candidates of points that were sought by themselves; None: found
 
     def within_limits(self) -> MotionSearch:
@@ -128,25 +93,25 @@ class MotionSearch(DerivedAgain):
         turning = self.steps.whole_turns(Q) != 0
         if self.closed and np.any(turning & self.steps.wide):
             back = self._with_steps(self.steps.without_turns(turning))
-            if back._breaks <= self._breaks and back._calmest_way[0] <= _STEP_RATIO * self._calmest_way[0]:
+            fewer = np.count_nonzero(back._on_path_steps) >= np.count_nonzero(self._on_path_steps)
+            if fewer and back._calmest_way[0] <= _STEP_RATIO * self._calmest_way[0]:
                 return back.within_limits()
         return self
 
     @property
-    def _breaks(self) -> int:
-        return int(np.count_nonzero(~self._calmest_way[2].any(axis=1)))
+    def _on_path_steps(self) -> Mask:
+        """(K − 1,) steps in which the arm need not leave the path."""
+        return np.asarray(self._calmest_way[2].any(axis=1))
 
     def _with_steps(self, steps: JointSteps) -> MotionSearch:
         return replace(self, steps=steps, found=self.found.turned(steps))
 
     def _graph(self, weights: Array) -> StepGraph:
-        """The candidates with the steps between them, times weights (K − 1, n)."""
         return StepGraph.of(self.steps, self.found.postures, self.found.costs, weights)
 
     @cached_property
     def _calmest_way(self) -> tuple[float, Array, Array]:
-        """Least largest step between listed points, postures (K, n), weights (K − 1, n): 0 where the arm has to leave
-        the path."""
+        """Least largest step, postures (K, n), weights (K − 1, n) of steps: 0 where the arm has to leave the path."""
         weights = np.asarray(self.path.parts, dtype=float)[:, None] * np.ones(len(self.steps.wide))
         step, Q = self._calmest(weights)
         for _ in range(8):
@@ -156,37 +121,44 @@ class MotionSearch(DerivedAgain):
             if not others.any():
                 break
             less, on = self._calmest(others)
-            leaves = bool(breaks_away(self.engine, Q[k : k + 2])[0])
-            if not leaves and (_STEP_RATIO * less > step or not self._is_singular(Q, k)):
+            if not breaks_away(self.engine, Q[k : k + 2])[0] and (
+                _STEP_RATIO * less > step or not passes_singularity(self.engine, self.found.targets, Q, k)
+            ):
                 break
             step, Q, weights = less, on, others
         return step, Q, weights
 
-    def _is_singular(self, Q: Array, k: int) -> bool:
-        """Whether the arm comes near a singular posture between points k and k + 1 of a motion (K, n)."""
-        return passes_singularity(self.engine, self.path, self.found.targets, self.steps, Q, k)
-
-    def jumps(self, motion: Motion) -> Mask:
-        """(K − 1,) the steps of a motion that are far larger than others, where the arm has to change its posture."""
+    def breaks(self, motion: Motion, off: Array) -> tuple[PathBreak, ...]:
+        """Steps in which a motion leaves the path, ``off`` (K − 1,) its lines [m], or is far larger than elsewhere."""
         even = self.steps.along(motion.Q) * self.path.parts
-        return np.asarray(~self._calmest_way[2].any(axis=1) & (even > _STEP_RATIO * self._even_step(motion)))
+        jumps = ~self._on_path_steps & (even > _STEP_RATIO * self._even_step(motion))
+        where = np.flatnonzero(breaks_away(self.engine, motion.Q) | jumps).tolist()
+        return tuple(self._break_at(motion.Q, k, float(off[k])) for k in where)
+
+    def _break_at(self, Q: Array, k: int, off: float) -> PathBreak:
+        moved, first = np.abs(Q[k + 1] - Q[k]) * self.steps.counted, int(np.count_nonzero(self.path.listed[: k + 1]))
+        j = int(np.argmax(moved))
+        joint, singular = self.engine.robot.joints[j], passes_singularity(self.engine, self.found.targets, Q, k)
+        kind: Literal["singular", "limits"] = "singular" if singular else "limits"
+        return PathBreak(first, first + 1, kind, joint.name, float(moved[j]), joint.unit, off, k)
 
     def _calmest(self, weights: Array) -> tuple[float, Array]:
-        """The least possible largest step, times weights (K − 1, n), and the postures (K, n) of a way that has it."""
+        """Least largest step, times weights (K − 1, n), and the postures (K, n) of its way."""
         graph = self._graph(weights)
         ways = graph.closed_of_smallest_step() if self.closed else graph
         step, way = ways.smallest_step()
         return step, ways.motion(way)
 
     @cached_property
-    def smooth(self) -> tuple[SmoothMotion, ...]:
-        """Without rows that keep the arm clear, and with them: they are dear, and often nothing is in the way."""
+    def smooth(self) -> tuple[StationsProblem, ...]:
+        """Without rows that keep the arm clear, which are dear, and with them."""
         problems = [self.engine.optimisation_problem]
         if self.guard is not self.engine and self.scene.active:
             problems.append(self.guard.optimisation_problem)
-        # a part of the points was optimised already
-        barrier, targets = 1e-5 if self.starts == 1 else BARRIER, self.found.targets
-        return tuple(SmoothMotion.of(p, self.steps, targets, self.path, self.closed, barrier=barrier) for p in problems)
+        given, barrier = (self.steps, self.found.targets, self.path, self.closed), BARRIER
+        if self.starts == 1:  # a part of the points was optimised already
+            barrier = 1e-5
+        return tuple(smooth_motion(problem, *given, barrier=barrier) for problem in problems)
 
     def bound(self, motion: Motion) -> float:
         """σ_max [m] that no motion gets below at its worst point; NaN where something else is minimised."""
@@ -198,7 +170,7 @@ class MotionSearch(DerivedAgain):
 
     @cached_property
     def calmest(self) -> tuple[float, Motion]:
-        """The least possible largest step between listed points, divided evenly, and a motion that has it."""
+        """Least largest step between listed points, divided evenly [rad or m], and a motion that has it."""
         step, Q, weights = self._calmest_way
         start = self._motion(Q)
         if not self.engine.optimisation_problem.freedom or self.starts == 1:
@@ -208,11 +180,11 @@ class MotionSearch(DerivedAgain):
         return (even, smooth) if smooth.feasible and even < step else (step, start)
 
     def _even_step(self, motion: Motion) -> float:
-        """The largest step between listed points that the steps of a motion on the path add up to [rad or m]."""
+        """Largest step between listed points that steps on the path add up to [rad or m]."""
         return float(np.max(np.abs(np.diff(motion.Q, axis=0)) * self.steps.counted * self._calmest_way[2], initial=0.0))
 
     def fastest(self, speed: float) -> Motion:
-        """A motion that can be followed at the highest constant speed, found about ``speed`` [m/s]."""
+        """Motion of highest constant speed, found about ``speed`` [m/s]."""
         weights = np.where(self._calmest_way[2] > 0, 1 / speed_bounds(self.steps, self.path, speed), 0.0)
         start = self._motion(self._calmest(weights)[1])
         if not self.engine.optimisation_problem.freedom:
@@ -224,7 +196,7 @@ class MotionSearch(DerivedAgain):
         return max(pairs, key=lambda pair: pair[0])[1] if pairs else start
 
     def law(self, motion: Motion, speed: float | None = None) -> TimeLaw:
-        """When a motion is where, at a stated speed or at the highest [m/s]."""
+        """Times of a motion at a stated speed or at the highest [m/s]."""
         return TimeLaw(self.engine.robot, motion.Q, self.path.lengths, speed)
 
     def paces(self, stated: float | None, speed: float | None, known: Sequence[Motion]) -> Paces:
@@ -241,14 +213,18 @@ class MotionSearch(DerivedAgain):
     def best(self, paces: Paces, known: Sequence[Motion]) -> Motion | None:
         """Best motion within bounds, of ways, ``known`` motions and smooth motions from them; None without one."""
         ways = self._ways(paces.most)
-        if (turning := self._turning(ways)) is not None:
+        if len(turning := self._turning(ways)):
             return self._with_steps(self.steps.without_turns(turning)).best(paces, known)
         motions = [self._motion(Q) for Q in ways] + list(known)
         if not self.engine.optimisation_problem.freedom:
             motions = [self._on_path(motion) for motion in motions]
         else:
             motions += self._spread_made_least(sorted(motions, key=lambda motion: motion.objective), paces)
-        able = [motion for motion in motions if self._keeps(motion, paces)]
+        able = [motion for motion in motions if motion.feasible]
+        if paces.stated:
+            able = [motion for motion in able if motion.largest_step <= paces.largest + STEP_TOLERANCE_RAD]
+        if paces.speed is not None:
+            able = [motion for motion in able if keeps_speed(self.law(motion), paces.speed)]
         if not able:
             return None
         best = min(motion.objective for motion in able)
@@ -256,23 +232,18 @@ class MotionSearch(DerivedAgain):
         return min(able, key=lambda motion: (motion.objective > as_good(best), not motion.optimal, motion.objective))
 
     def ways(self, paces: Paces) -> list[Motion]:
-        """The motions of the best ways through the candidates within bounds."""
         return [self._motion(Q) for Q in self._ways(paces.most)]
 
-    def _turning(self, ways: Sequence[Array]) -> Codes | None:
+    def _turning(self, ways: Sequence[Array]) -> Codes:
+        """Joints that end a closed way in other whole turns than the calmest motion."""
         if not self.closed or not len(ways):
-            return None
+            return np.zeros(0, dtype=int)
         allowed = self.steps.whole_turns(self.calmest[1].Q)
         others = [self.steps.whole_turns(self.steps.unwrapped(Q)[0]) != allowed for Q in ways]
-        more = np.flatnonzero(np.any(others, axis=0) & self.steps.wide)
-        return more if len(more) else None
-
-    def _keeps(self, motion: Motion, paces: Paces) -> bool:
-        if not motion.feasible or (paces.stated and motion.largest_step > paces.largest + STEP_TOLERANCE_RAD):
-            return False
-        return paces.speed is None or keeps_speed(self.law(motion), paces.speed)
+        return np.flatnonzero(np.any(others, axis=0) & self.steps.wide)
 
     def _spread_made_least(self, starts: list[Motion], paces: Paces) -> list[Motion]:
+        """Where the smooth problem leads to from the starts, best first, until two in a row bring nothing."""
         least = float(np.max(self.alone))
         ends: list[Motion] = []
         idle = 0
@@ -281,7 +252,6 @@ class MotionSearch(DerivedAgain):
             able = [end.objective for end in ends if end.feasible and end.optimal]
             better = len(able) > 1 and as_good(able[-1]) < min(able[:-1])
             idle = 0 if better or len(able) < 2 else idle + 1
-            # in a row that bring nothing
             if (able and abs(min(able) - least) <= as_good(least) - least) or idle == 2:
                 break
         return ends
@@ -292,22 +262,20 @@ class MotionSearch(DerivedAgain):
         graph = every.closed_of_least_cost(1.0) if self.closed else every
         if graph is None:
             return []
-        worst, count = graph.worst_costs(1.0), len(graph.costs)
-        sizes = np.cumsum([0, *map(len, graph.costs)])
-        best = graph.best_way(1.0, float(worst.min())) if np.isfinite(worst.min()) else None
+        worst = graph.worst_costs(1.0)
+        least = min(float(cost.min()) for cost in worst)
+        best = graph.best_way(1.0, least) if np.isfinite(least) else None
         if best is None:
             return []
-        costs = [float(cost[k]) for cost, k in zip(graph.costs, best, strict=True)]
-        ways = [best]
-        for point in dict.fromkeys((int(np.argmax(costs)), count // 2)):
-            ways += self._apart(graph, point, worst[sizes[point] : sizes[point + 1]])
-        return [graph.motion(way) for way in ways]
+        dearest = int(np.argmax([cost[k] for cost, k in zip(graph.costs, best, strict=True)]))
+        others = [self._apart(graph, k, worst[k]) for k in dict.fromkeys((dearest, len(worst) // 2))]
+        return [graph.motion(way) for way in (best, *chain.from_iterable(others))]
 
     def _apart(self, graph: StepGraph, point: int, worst: Array) -> list[Codes]:
+        """The best ways that pass 30 deg, or 0.5 m of a slide, from each other, given the least costs at a point."""
         chosen: list[int] = []
         for k in np.argsort(worst, kind="stable").tolist():
             near = self.steps.between(graph.postures[point][[k]], graph.postures[point][chosen])
-            # or 0.5 m of a slide
             if worst[k] <= 1.5 * worst.min() and np.all(near > math.radians(30.0)) and np.isfinite(worst[k]):
                 chosen.append(k)
             if len(chosen) == _MAX_START_WAYS:
@@ -316,6 +284,7 @@ class MotionSearch(DerivedAgain):
         return [way for way in ways if way is not None]
 
     def _on_path(self, motion: Motion) -> Motion:
+        """The motion with its points met to the last digits."""
         Q, requests = motion.Q, np.vstack([held(self.engine, target).rows for target in self.found.targets])
         turns = Q[-1] - Q[0]
         for _ in range(3):  # from an error of 1e-7, quadratic
@@ -323,13 +292,20 @@ class MotionSearch(DerivedAgain):
         return self._motion(np.vstack([Q[:-1], Q[0] + turns]) if self.closed else Q)
 
     def _smoothed(
-        self, start: Motion, solved: Callable[[SmoothMotion, StationsPoint], StationsOutcome], *, spreads: bool = False
+        self,
+        start: Motion,
+        solved: Callable[[StationsProblem, StationsPoint], StationsOutcome],
+        *,
+        spreads: bool = False,
     ) -> Motion:
         for problem in self.smooth:
             end = solved(problem, StationsPoint(np.zeros(4), start.Q))
             motion = self._motion(end.point.Q, end.optimal)
             if spreads and end.optimal:
-                motion = replace(motion, confirmation=_said(end, motion))
+                # Of standard deviations: the objective is a variance, or the logarithm of a probability.
+                agrees = abs(motion.objective - end.objective) / max(2 * abs(motion.objective), 1e-9)
+                said = Confirmation("ipopt", end.iterations, end.residual, agrees)
+                motion = replace(motion, confirmation=said)
             if motion.clear:
                 break
         return motion
@@ -340,11 +316,6 @@ class MotionSearch(DerivedAgain):
         certain = not self.engine.optimisation_problem.freedom if optimal is None else optimal
         swept = self.steps.swept(Q, self.path.listed)
         return Motion.of(self.engine, self.found.targets, Q, swept, self.scene, certain)
-
-
-def _said(end: StationsOutcome, motion: Motion) -> Confirmation:
-    agrees = abs(motion.objective - end.objective) / max(2 * abs(motion.objective), 1e-9)
-    return Confirmation("ipopt", end.iterations, end.residual, agrees)
 
 
 def keeps_speed(law: TimeLaw, speed: float) -> bool:

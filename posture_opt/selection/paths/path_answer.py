@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-from posture_opt.collision.scene import Scene
 from posture_opt.numerics import TURN, Mask, finite_or_none
 from posture_opt.selection.answer.solution import Solution
-from posture_opt.selection.paths.joint_steps import JointSteps
 from posture_opt.selection.paths.motion import Motion, PathBreak, TimeLaw
-from posture_opt.selection.paths.path_candidates import PathCandidates, held
+from posture_opt.selection.paths.motion_search import MotionSearch
+from posture_opt.selection.paths.path_candidates import held
 from posture_opt.selection.paths.task_path import TaskPath
-from posture_opt.selection.program.task_target import TaskTarget
-from posture_opt.selection.search.engine import Engine
 from posture_opt.selection.search.inverse_kinematics import TOLERANCE
 
 
@@ -26,23 +22,15 @@ class Naive:
     """Two motions without look-ahead; their steps are those from point to point, as they are."""
 
     each: Motion  # the best posture of every point, whatever those beside it
-    # from the best posture of the first point by inverse kinematics, each from the one before; None where that comes
-    # to a limit
-    onward: Motion | None
+    onward: Motion | None  # by inverse kinematics from the best first posture on; None where that comes to a limit
     reached: int  # how many points it got to
 
 
-def naive_motions(
-    engine: Engine,
-    found: PathCandidates,
-    targets: Sequence[TaskTarget],
-    steps: JointSteps,
-    path: TaskPath,
-    scene: Scene,
-) -> Naive:
-    """Motions without look-ahead, from the candidates of points."""
+def naive_motions(search: MotionSearch) -> Naive:
+    """Motions without look-ahead, from the candidates of points that were sought by themselves."""
+    found, targets, engine, scene = search.apart or search.found, search.found.targets, search.engine, search.scene
     best = np.array([Q[int(np.argmin(costs))] for Q, costs in zip(found.postures, found.costs, strict=True)])
-    apart = np.array([steps.between(a[None], b[None])[0, 0] for a, b in pairwise(best)])
+    apart = np.array([search.steps.between(a[None], b[None])[0, 0] for a, b in pairwise(best)])
     each = Motion.of(engine, found.targets, best, apart, scene, True)
     way = [best[0]]
     for target in targets[1:]:
@@ -51,7 +39,7 @@ def naive_motions(
             return Naive(each, None, len(way))
         way.append(moved[0])
     Q = np.array(way)
-    return Naive(each, Motion.of(engine, targets, Q, steps.swept(Q, path.listed), scene, True), len(way))
+    return Naive(each, Motion.of(engine, targets, Q, search.steps.swept(Q, search.path.listed), scene, True), len(way))
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,13 +48,10 @@ class PathAnswer:
 
     path: TaskPath  # K points, listed and added
     motion: Motion
-    largest_step: float  # allowed change of a joint between listed points [rad or m]; smallest_step the least possible
-    smallest_step: float
-    # σ_max [m] of the best posture at the point where that is largest: no motion gets below it; NaN where something
-    # else is minimised
-    bound: float
-    # largest distance [m] of the tool point from the straight line between points where joints move evenly
-    off_line: float
+    largest_step: float  # allowed change of a joint between listed points [rad or m]
+    smallest_step: float  # the least possible
+    bound: float  # σ_max [m] that no motion gets below at its worst point; NaN where something else is minimised
+    off_line: float  # largest distance [m] of the tool point from the lines between points where joints move evenly
     naive: Naive  # what simpler ways give
     candidates: tuple[int, ...]  # (K,) postures that were compared at each point
     law: TimeLaw  # when the tool is at each point
@@ -99,11 +84,10 @@ class PathAnswer:
     def to_json(self, found: Solution) -> dict[str, Any]:
         """What ``solution.json`` says of the path: plain data."""
         onward = self.naive.onward
+        steps = ("largest_joint_step", "largest_step", "smallest_step")
         return {
             "path": [_point_json(point) for point in found.stations],
-            "largest_joint_step": self.largest_joint_step,
-            "largest_step": self.largest_step,
-            "smallest_step": self.smallest_step,
+            **{name: getattr(self, name) for name in steps},
             "sigma_max_bound": finite_or_none(self.bound),
             "off_line": self.off_line,
             "closed": self.closed,

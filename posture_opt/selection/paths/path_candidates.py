@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from posture_opt.collision.scene import Scene
-from posture_opt.numerics import Array, Mask, Progress
+from posture_opt.numerics import Array, Progress
 from posture_opt.selection.paths.joint_steps import JointSteps
 from posture_opt.selection.paths.task_path import stacked
 from posture_opt.selection.program.pose_request import PoseRequest, held_request
@@ -19,7 +19,8 @@ from posture_opt.selection.search.multistart import feasible_starts
 from posture_opt.selection.search.search_outcome import is_clear
 from posture_opt.workers import Serial, Workers
 
-_STARTS_PER_POINT = 12  # random postures at every other point: what cannot be followed from an anchor is found here
+_STARTS = 12
+"""Random postures at points that are no anchors: what cannot be followed from one is found here."""
 
 
 @dataclass(frozen=True)
@@ -29,33 +30,36 @@ class PathCandidates:
     targets: tuple[TaskTarget, ...]  # of the points, with one scale
     postures: tuple[Array, ...]
     costs: tuple[Array, ...]
-    # postures found for each point (K,) that meet target and tool axis, whatever else is required
-    arrived: tuple[int, ...]
+    arrived: tuple[int, ...]  # (K,) postures that meet target and tool axis, whatever else is required
 
     def closed(self) -> PathCandidates:
-        """The same, first and last point with the candidates of both."""
+        """Candidates with those of both ends at the first and at the last point."""
         both, costs = np.vstack([self.postures[0], self.postures[-1]]), np.append(self.costs[0], self.costs[-1])
         postures, values = (both, *self.postures[1:-1], both), (costs, *self.costs[1:-1], costs)
         return replace(self, postures=postures, costs=values)
 
     def turned(self, steps: JointSteps) -> PathCandidates:
-        """The same, with postures whole turns away where ``steps`` distinguish these."""
+        """Candidates with postures whole turns away where ``steps`` distinguish these."""
         pairs = [steps.turned(Q, cost) for Q, cost in zip(self.postures, self.costs, strict=True)]
         return replace(self, postures=tuple(Q for Q, _ in pairs), costs=tuple(cost for _, cost in pairs))
 
 
 def find_candidates(
-    engine: Engine,
-    targets: Sequence[TaskTarget],
-    steps: JointSteps,
-    scene: Scene,
-    rng: np.random.Generator,
-    pool: Workers | None = None,
-    progress: Progress | None = None,
-) -> PathCandidates:
+    engine: Engine, targets: Sequence[TaskTarget], steps: JointSteps, scene: Scene, rng: np.random.Generator,
+    pool: Workers | None = None, progress: Progress | None = None,
+) -> PathCandidates:  # fmt: skip
     """Random postures of some anchors, and their local optima, followed along the path by inverse kinematics."""
-    search = _Following(engine, tuple(targets), steps)
-    return search.screened(search.all(rng, Serial() if pool is None else pool, progress), scene)
+    search, found = _Following(engine, tuple(targets), steps).all(rng, Serial() if pool is None else pool, progress)
+    postures, costs = [], []
+    for Q, target in zip(found, search.targets, strict=True):
+        objective, violation = (column[:, 0] for column in engine.screen(Q, target.parameters)[:2])
+        met = violation <= ROW_TOLERANCE
+        met[met] = is_clear(scene, Q[met])
+        # Postures that are followed from several anchors meet in one branch, to 1e-6 rad or m.
+        met[met] = np.isin(np.arange(met.sum()), np.unique(np.rint(Q[met] / 1e-6), axis=0, return_index=True)[1])
+        postures.append(Q[met])
+        costs.append(objective[met])
+    return PathCandidates(search.targets, tuple(postures), tuple(costs), tuple(map(len, found)))
 
 
 @dataclass(frozen=True)
@@ -67,12 +71,12 @@ class _Following:
     steps: JointSteps
 
     def all(self, rng: np.random.Generator, pool: Workers, progress: Progress | None) -> tuple[_Following, list[Array]]:
-        """The same search with the scale of its first postures, and the postures of each point."""
+        """The search with the scale of its first postures, and the postures of each point."""
         engine, count = self.engine, len(self.targets)
         anchors = sorted({round(k) for k in np.linspace(0, count - 1, min(6, count))})
         starts = min(48 * max(engine.optimisation_problem.freedom, 1), 120)
-        starts = min(starts, max(_STARTS_PER_POINT, 12_000 // (len(anchors) * count)))
-        sizes = [starts if k in anchors else _STARTS_PER_POINT for k in range(count)]
+        starts = min(starts, max(_STARTS, 12_000 // (len(anchors) * count)))
+        sizes = [starts if k in anchors else _STARTS for k in range(count)]
         own = [feasible_starts(engine, target, size, rng)[0] for target, size in zip(self.targets, sizes, strict=True)]
         search = self._scaled(own)
         own = [search._restored(Q, target) for Q, target in zip(own, search.targets, strict=True)]
@@ -88,7 +92,7 @@ class _Following:
         return search, [self.steps.rested(np.vstack(Q)) for Q in found]
 
     def from_anchor(self, k: int, Q: Array) -> Iterator[tuple[int, Array]]:
-        """The point and its postures (N, n), of all points, that postures (N, n) of anchor ``k`` lead to."""
+        """Points and postures (N, n) there that postures (N, n) of anchor ``k`` lead to."""
         engine = self.engine
         Q = Q[engine.clusters(Q)[0]] if len(Q) else Q
         yield from self._follow(k, Q, 0)
@@ -99,7 +103,7 @@ class _Following:
             yield from self._follow(k, optima.q[order][nearest][:24], 3)
 
     def _scaled(self, own: Sequence[Array]) -> _Following:
-        """The same search with objectives divided by the median variance of some postures (K arrays)."""
+        """The search with objectives divided by the median variance of some postures (K arrays)."""
         rows = [(Q, target) for Q, target in zip(own, self.targets, strict=True) if len(Q)]
         if not rows:
             return self
@@ -131,7 +135,7 @@ class _Following:
             yield j, self.steps.wrapped(Q)
 
     def _restored(self, Q: Array, target: TaskTarget) -> Array:
-        """The same postures (N, n) of a target, those that break a further requirement led to where it is met."""
+        """Postures (N, n) of a target, those that break a further requirement led to where it is met."""
         problem = self.engine.optimisation_problem
         if not len(Q) or (not problem.task.subject_to and problem.scene is None):
             return Q
@@ -143,34 +147,13 @@ class _Following:
         Q[broken] = np.where((led.excess == 0)[:, None], led.q, Q[broken])
         return Q
 
-    def screened(self, given: tuple[_Following, list[Array]], scene: Scene) -> PathCandidates:
-        """Those postures that meet every requirement, with their objectives."""
-        search, found = given
-        postures, costs = [], []
-        for Q, target in zip(found, search.targets, strict=True):
-            objective, violation = (column[:, 0] for column in self.engine.screen(Q, target.parameters)[:2])
-            met = violation <= ROW_TOLERANCE
-            met[met] = is_clear(scene, Q[met])
-            # Postures that are followed from several anchors meet in one branch.
-            met[met] = _first_of_each(Q[met])
-            postures.append(Q[met])
-            costs.append(objective[met])
-        return PathCandidates(search.targets, tuple(postures), tuple(costs), tuple(map(len, found)))
-
-
-def _first_of_each(Q: Array) -> Mask:
-    """(N,) the first of all postures (N, n) that are one."""
-    first = np.zeros(len(Q), dtype=bool)
-    first[np.unique(np.rint(Q / 1e-6), axis=0, return_index=True)[1]] = True  # rad or m
-    return first
-
 
 def _followed_from(search: _Following, anchor: tuple[int, Array]) -> list[tuple[int, Array]]:
     return list(search.from_anchor(*anchor))
 
 
 def held(engine: Engine, target: TaskTarget) -> PoseRequest:
-    """What inverse kinematics is to hold at a point: any axis within the tilt will do."""
+    """Request of a point; any axis within the tilt will do."""
     problem = engine.optimisation_problem
     slack = problem.reach.axis_slack / 2 if problem.alignment == "loose" else 0.0
     return held_request(target, problem.axis_rows > 0, slack)

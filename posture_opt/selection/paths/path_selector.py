@@ -20,14 +20,13 @@ from posture_opt.selection.answer.selector import PostureSelector, task_of
 from posture_opt.selection.answer.shared_placement import Placement, PlacementFigure
 from posture_opt.selection.answer.solution import Solution, Status
 from posture_opt.selection.paths.joint_steps import JointSteps
-from posture_opt.selection.paths.knots import MAX_SEARCHED_POINTS, Knots, knots_of, motions_at_knots
-from posture_opt.selection.paths.motion import Motion, TimeLaw, off_lines, path_breaks, step_bounds
-from posture_opt.selection.paths.motion_search import STEP_TOLERANCE_RAD, MotionSearch, SmoothMotion, keeps_speed
+from posture_opt.selection.paths.knots import MAX_SEARCHED_POINTS, along_all, knots_of, motions_at_knots
+from posture_opt.selection.paths.motion import Motion, TimeLaw, off_lines, step_bounds
+from posture_opt.selection.paths.motion_search import STEP_TOLERANCE_RAD, MotionSearch, keeps_speed, smooth_motion
 from posture_opt.selection.paths.path_answer import PathAnswer, naive_motions
 from posture_opt.selection.paths.path_candidates import PathCandidates, find_candidates
 from posture_opt.selection.paths.task_path import TaskPath
 from posture_opt.selection.problem_data import ProblemData
-from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.batches import usual_starts
 from posture_opt.selection.search.change import Change, with_changes
@@ -67,57 +66,29 @@ def too_fast(search: MotionSearch, speed: float, law: TimeLaw) -> Reason:
     joint = search.engine.robot.joints[search.engine.robot.joint_names.index(str(law.limiting_joint))]
     needed, limit = (f"{joint_text(v, joint.unit)}/s" for v in (joint.velocity * speed / highest, joint.velocity))
     first = int(np.count_nonzero(search.path.listed[: step + 1]))
+    power = 10.0 ** (math.floor(math.log10(highest * 1e3)) - 2)  # three digits, rounded down
+    below = float(f"{math.floor(highest * 1e3 / power * (1 - 1e-9)) * power:.4g}")
     message = (
         f"at {speed * 1e3:.4g} mm/s {joint.name} would have to move at {needed} between points {first} and "
-        f"{first + 1}, and {limit} is its limit: set speed: {_below(highest * 1e3):g} mm/s"
+        f"{first + 1}, and {limit} is its limit: set speed: {below:g} mm/s"
     )
     return Reason("speed", message, speed - highest, "m/s")
 
 
-def too_fast_in_small_steps(search: MotionSearch, largest: float, speed: float) -> Reason:
-    message = (
-        f"no motion was found at {speed * 1e3:.4g} mm/s with steps of at most {math.degrees(largest):.4g} deg: "
-        "leave out largest_step, or lower the speed"
-    )
-    return Reason("speed", message, 0.0, "m/s")
-
-
-def _below(value: float) -> float:
-    power = 10.0 ** (math.floor(math.log10(value)) - 2)
-    return float(f"{math.floor(value / power * (1 - 1e-9)) * power:.4g}")
-
-
-def promising_placements(
-    engine: Engine,
-    targets: Sequence[TaskTarget],
-    placement: PlacementRange,
-    seed: int,
-    workers: int = 1,
-    progress: Progress | None = None,
-) -> list[Array]:
-    """(4,) placements at which some points of a path have good postures, best first."""
-    # points stand for all of the path
-    chosen = np.unique(np.linspace(0, len(targets) - 1, min(6, len(targets))).round().astype(int))
-    some = tuple(targets[k] for k in chosen.tolist())
-    stations = PlacedStations((engine,) * len(some), some, placement, "worst")
-    found = search_placement(stations, seed, workers, progress, wanted=1)
-    return [placement.tidied(optimum.w) for optimum in found.optima[:3]]
-
-
 def moved_on(found: Solution, targets: Sequence[TaskTarget], placement: PlacementRange) -> Array:
-    """(4,) placement that a motion leads to where the part may move with it."""
-    problem, box = found.optimisation_problem, placement.without_seam
+    """(4,) placement that a motion leads to where the part may move with it; targets in the part's frame."""
+    problem, task = found.optimisation_problem, found.problem.task
     own = [replace(target, scale=found.target.scale) for target in targets]
     steps = JointSteps.of(problem.robot, problem.nlp)
-    task = found.problem.task
     closed, speed = (task.closed, task.stated_speed) if isinstance(task, PathTask) else (False, None)
-    smooth = SmoothMotion.of(problem, steps, own, found.path, closed, box)
+    smooth = smooth_motion(problem, steps, own, found.path, closed, placement.without_seam)
     most = step_bounds(steps, found.path, found.largest_step, speed)
     end = smooth.solve(StationsPoint(found.w, found.postures), most)
     return placement.tidied(end.point.w)
 
 
-_MAX_ROUNDS = 3  # of the smooth problem with the workpiece, and of the search at the placement found
+_MAX_ROUNDS = 3
+"""Of the smooth problem with the workpiece, and of the search at the placement found."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,13 +99,12 @@ class PathSelector(DerivedAgain):
     selector: PostureSelector
     task: PathTask
     placement: PlacementRange
-    w: Array  # (4,) where the workpiece stands; explains says whether a failure is looked into
-    explains: bool = True
+    w: Array  # (4,) where the workpiece stands
+    explains: bool = True  # whether a failure is looked into
 
     @classmethod
     def of(cls, problem: ProblemData) -> PathSelector:
-        """Selector for a task along a path, the workpiece in the middle of its ranges; InputError as
-        `PostureSelector`."""
+        """Selector for a task along a path, the workpiece mid-range; InputError as `PostureSelector`."""
         task = path_task_of(problem)
         if task.speed == HIGHEST and all(map(math.isnan, problem.robot.velocities)):
             name = problem.robot.joint_names[0]
@@ -152,12 +122,10 @@ class PathSelector(DerivedAgain):
 
     @cached_property
     def path(self) -> TaskPath:
-        """The points of the task, and those added between them, at the placement of the workpiece."""
         return TaskPath.of(self.task).moved(self.w)
 
     @cached_property
     def targets(self) -> list[TaskTarget]:
-        """Those of the points."""
         return self.path.targets(self.selector.target, self.selector.reach)
 
     def solve(self, *, seed: int | None = None, workers: int = 1, progress: Progress | None = None) -> Solution:
@@ -169,16 +137,25 @@ class PathSelector(DerivedAgain):
             return self.solve_here(seed, pool, progress)
 
     def _placed(self, seed: int, workers: int, progress: Progress | None) -> Solution:
+        """The best of some placements and of the middle, moved on with the motion while that gains.
+
+        Placements are searched with six points of the path as if they were features; the best three are followed.
+        """
         began = time.perf_counter()
         own = replace(self, w=np.zeros(4)).targets
-        engine = self.selector.engine_of_all(self.targets)
-        places = promising_placements(engine, own, self.placement, seed, workers, progress)
+        chosen = np.unique(np.linspace(0, len(own) - 1, min(6, len(own))).round().astype(int)).tolist()
+        engines = (self.selector.engine_of_all(self.targets),) * len(chosen)
+        stations = PlacedStations(engines, tuple(own[k] for k in chosen), self.placement, "worst")
+        optima = search_placement(stations, seed, workers, progress, wanted=1).optima[:3]
+        places = [self.placement.tidied(optimum.w) for optimum in optima]
         tried: list[Solution | None] = []
         with opened(workers) as pool:
 
             def attempted(w: Array) -> Solution | None:
-                """The motion at a placement, counted as a part of the search."""
-                tried.append(self._attempted(w, seed, pool))
+                try:
+                    tried.append(replace(self, w=w, explains=False).solve_here(seed, pool))
+                except NoSolutionError:
+                    tried.append(None)
                 if progress is not None:
                     progress(len(tried), len(places) + 1 + _MAX_ROUNDS)
                 return tried[-1]
@@ -198,13 +175,6 @@ class PathSelector(DerivedAgain):
         statistics = replace(best.statistics, seconds=time.perf_counter() - began)
         return replace(best, placement=replace(best.placement, at_centre=centre), statistics=statistics)
 
-    def _attempted(self, w: Array, seed: int, pool: Workers) -> Solution | None:
-        """The motion with the workpiece at w (4,); None where there is none."""
-        try:
-            return replace(self, w=w, explains=False).solve_here(seed, pool)
-        except NoSolutionError:
-            return None
-
     def solve_here(self, seed: int, pool: Workers | None = None, progress: Progress | None = None) -> Solution:
         """Best motion with the workpiece where it is; raises as `solve`."""
         began = time.perf_counter()
@@ -222,17 +192,22 @@ class PathSelector(DerivedAgain):
         best = search.best(paces, known)
         if best is None:
             assert speed is not None, "the calmest motion keeps its step"
-            self._refuse(search, known[-1], paces.largest, began, too_fast_in_small_steps(search, paces.largest, speed))
+            message = (
+                f"no motion was found at {speed * 1e3:.4g} mm/s with steps of at most "
+                f"{math.degrees(paces.largest):.4g} deg: leave out largest_step, or lower the speed"
+            )
+            self._refuse(search, known[-1], paces.largest, began, Reason("speed", message, 0.0, "m/s"))
         return self._solution(search, best, paces.largest, began)
 
     def _refuse(self, search: MotionSearch, motion: Motion, largest: float, began: float, reason: Reason) -> NoReturn:
-        """Raises the error of a motion that does not keep its bounds; arguments as of `_solution`."""
         raise NoSolutionError(reason.message, self._solution(search, motion, largest, began, [reason]))
 
-    def _search(
-        self, seed: int, began: float, pool: Workers | None = None, progress: Progress | None = None
-    ) -> MotionSearch:
-        self._check_plane(began)
+    def _search(self, seed: int, began: float, pool: Workers | None, progress: Progress | None) -> MotionSearch:
+        """The search among candidates of all points, or among motions found at the knots of a long path."""
+        reach = self.selector.reach
+        off = [float(np.linalg.norm(reach.outside(target.lower, target.upper))) for target in self.targets]
+        if max(off) > reach.plane_slack:
+            self._explain(self.selector.engine_of_all(self.targets), [int(np.argmax(off))], began)
         if len(self.targets) > MAX_SEARCHED_POINTS:
             search = self._search_at_knots(seed, pool, progress)
             if search is not None:
@@ -243,25 +218,20 @@ class PathSelector(DerivedAgain):
             self._explain(engine, failing, began)
         return self._joined(self.path, engine, found, steps)
 
-    def _search_at_knots(
-        self, seed: int, pool: Workers | None = None, progress: Progress | None = None
-    ) -> MotionSearch | None:
+    def _search_at_knots(self, seed: int, pool: Workers | None, progress: Progress | None) -> MotionSearch | None:
         numbers = knots_of(self.path)
         targets = [self.targets[k] for k in numbers.tolist()]
         engine, steps, found = self._candidates(targets, seed, pool, progress)
         if not all(map(len, found.costs)):
             return None
-        knots = Knots(self._joined(self.path.at(numbers), engine, found, steps), self.path, self.targets, numbers)
-        motions = motions_at_knots(knots.search, self.task.largest_step, self.task.stated_speed)
-        return knots.along_all(motions)
+        search = self._joined(self.path.at(numbers), engine, found, steps)
+        motions = motions_at_knots(search, self.task.largest_step, self.task.stated_speed)
+        return along_all(search, self.path, self.targets, numbers, motions)
 
     def _candidates(
-        self,
-        targets: Sequence[TaskTarget],
-        seed: int,
-        pool: Workers | None = None,
-        progress: Progress | None = None,
+        self, targets: Sequence[TaskTarget], seed: int, pool: Workers | None = None, progress: Progress | None = None
     ) -> tuple[Engine, JointSteps, PathCandidates]:
+        """Candidates of some points; with rows that keep the arm clear where some have none without."""
         scene = self.problem.scene
         for guarded in (None, True):
             engine = self.selector.engine_of_all(self.targets, guarded)
@@ -297,52 +267,39 @@ class PathSelector(DerivedAgain):
         self, search: MotionSearch, motion: Motion, largest: float, began: float, reasons: Sequence[Reason] = ()
     ) -> Solution:
         """Answer of a motion with steps up to ``largest`` [rad or m], and the reasons why it does not do."""
-        apart, targets = search.apart or search.found, search.found.targets
-        naive = naive_motions(search.engine, apart, targets, search.steps, self.path, self.problem.scene)
-        problem = search.engine.optimisation_problem
-        astray = off_lines(search.engine, motion.Q)
-        axis, remarks = problem.axis_note(search.found.targets[0]), self.selector.remarks()
+        targets, problem = search.found.targets, search.engine.optimisation_problem
+        axis, remarks = problem.axis_note(targets[0]), self.selector.remarks()
         notes: tuple[str | Statement, ...] = (*self.problem.notes, axis, *remarks)
-        jumps = search.jumps(motion)
-        breaks = path_breaks(search.engine, self.path, targets, search.steps, motion.Q, astray, jumps)
+        astray, counts = off_lines(search.engine, motion.Q), tuple(map(len, search.found.costs))
         smallest = min(search.calmest[1].largest_step, motion.largest_step)
         followed = PathAnswer(
-            self.path, motion, largest, smallest, search.bound(motion), float(astray.max()),
-            naive, tuple(map(len, search.found.costs)), search.law(motion, self.task.stated_speed), breaks,
+            self.path, motion, largest, smallest, search.bound(motion), float(astray.max()), naive_motions(search),
+            counts, search.law(motion, self.task.stated_speed), search.breaks(motion, astray),
         )  # fmt: skip
         status: Status = "infeasible" if reasons else "optimal" if motion.optimal else "feasible"
         seconds, none = time.perf_counter() - began, np.zeros((0, motion.Q.shape[1]))
-        placed_problem = self.problem.with_workpiece_at(self.w)
-        points = tuple(
-            Solution(placed_problem, problem, target, status, q, _counted(count, seconds, problem), none, notes,
-                     tuple(reasons))
-            for target, q, count in zip(search.found.targets, motion.Q, followed.candidates, strict=True)
-        )  # fmt: skip
+        placed_problem, sampled = self.problem.with_workpiece_at(self.w), Sampled.none(problem.robot)
+        points = []
+        for target, q, count in zip(targets, motion.Q, counts, strict=True):
+            counted = SearchStatistics(count, count, 0, 0, 0, 0, sampled, None, math.nan, 1, 0, seconds)
+            points.append(Solution(placed_problem, problem, target, status, q, counted, none, notes, tuple(reasons)))
         placement = Placement(self.placement.lower, self.placement.upper, self.w)
         placed = None if self.task.workpiece is None else placement
-        return replace(points[0], points=points, names=tuple(self.path.numbers), placement=placed, followed=followed)
-
-    def _check_plane(self, began: float) -> None:
-        """Raises the error of the point that lies farthest outside the plane (or line) that the arm moves in."""
-        reach = self.selector.reach
-        off = [float(np.linalg.norm(reach.outside(target.lower, target.upper))) for target in self.targets]
-        k = int(np.argmax(off))
-        if off[k] > reach.plane_slack:
-            self._explain(self.selector.engine_of_all(self.targets), [k], began)
+        names = tuple(self.path.numbers)
+        return replace(points[0], points=tuple(points), names=names, placement=placed, followed=followed)
 
     def _explain(self, engine: Engine, failing: Sequence[int], began: float) -> None:
-        """Raises the error of points that no posture does, with the reasons at the one that lacks most."""
+        """Raise the error of points that no posture does, with the reasons at the one that lacks most."""
         if not self.explains or self.problem.above_assumed_mounting:  # which is dropped first
             raise NoSolutionError(f"{self.path.numbers[failing[0]]}: no posture was found that meets all requirements")
         targets, names = [self.targets[k] for k in failing], [self.path.numbers[k] for k in failing]
-        target = targets[len(targets) // 2]
+        target, name = targets[len(targets) // 2], names[len(names) // 2]
         searched = multistart(engine, target, np.random.default_rng(self.problem.solver.seed), usual_starts(engine))
         inquiry = self.selector.inquiry(searched, self.problem, self._does)
         why = explain_stations(inquiry, targets, names)
-        name = names[len(names) // 2]
         reasons = why.reasons or (Reason(name, f"{name}: no posture was found that meets all requirements", 0.0, "1"),)
-        why = replace(why, reasons=reasons)
-        solution = infeasible(self.problem, engine, searched, why, time.perf_counter() - began)
+        given = replace(why, reasons=reasons)
+        solution = infeasible(self.problem, engine, searched, given, time.perf_counter() - began)
         raise NoSolutionError("\n".join(reason.message for reason in reasons), solution)
 
     def _does(self, changes: Sequence[Change], near: Array) -> bool:
@@ -353,13 +310,8 @@ class PathSelector(DerivedAgain):
             return False
 
 
-def _counted(candidates: int, seconds: float, problem: OptimisationProblem) -> SearchStatistics:
-    sampled = Sampled.none(problem.robot)
-    return SearchStatistics(candidates, candidates, 0, 0, 0, 0, sampled, None, math.nan, 1, 0, seconds)
-
-
 def _sigma(found: Solution) -> float:
-    """Largest σ_max [m] along a motion, as the search has it."""
+    """Largest σ_max [m] along a motion."""
     return float(found.motion.sigma.max())
 
 

@@ -234,19 +234,24 @@ class StationsProblem(DerivedAgain):
     barrier: float = BARRIER  # that IPOPT starts with, less where the start is nearly the optimum
     shared: SharedSuccess | None = None  # errors that the stations share, where what counts is that all succeed
 
-    def solve(self, start: StationsPoint, most: Array | float = np.inf, turns: Array | float = 0.0) -> StationsOutcome:
-        """Local optimum near a start; steps up to ``most`` (S, n), closing ``turns`` (n,) away [rad or m]."""
-        return self._solved(self._least_objective, start, most=most, turns=turns)
+    def solve(self, start: StationsPoint, most: Array | float = np.inf) -> StationsOutcome:
+        """Local optimum near a start; steps up to ``most`` (S, n) [rad or m].
 
-    def least_step(self, start: StationsPoint, weights: Array, turns: Array | float = 0.0) -> StationsOutcome:
+        Where they are closed the start ends in its first posture again, or whole turns away; this has no variables.
+        """
+        return self._solved(self._least_objective, start, most=most)
+
+    def least_step(self, start: StationsPoint, weights: Array) -> StationsOutcome:
         """Postures of least largest step, weighted by ``weights`` (S, n), whatever the objectives."""
-        return self._solved(self._least_step, start, weights=weights, turns=turns)
+        return self._solved(self._least_step, start, weights=weights)
 
     def _solved(
-        self, program: _Program, start: StationsPoint, most: Array | float = np.inf, weights: Array | float = 0.0,
-        turns: Array | float = 0.0,
-    ) -> StationsOutcome:  # fmt: skip
+        self, program: _Program, start: StationsPoint, most: Array | float = np.inf, weights: Array | float = 0.0
+    ) -> StationsOutcome:
         Q = np.asarray(start.Q, dtype=float)
+        turns, closed = np.zeros(Q.shape[1]), self.steps is not None and self.steps.closed
+        if closed:
+            turns, Q = Q[-1] - Q[0], Q[:-1]
         lower, upper = self._variable_ends(Q, turns)
         p = self._step_parameters(weights, turns)
         x0 = np.concatenate([np.clip(start.w, self.lower, self.upper), [0.0], Q.ravel()])
@@ -258,7 +263,8 @@ class StationsProblem(DerivedAgain):
         g = np.asarray(program.rows(x, p)).ravel()
         violation = float(np.max(np.maximum(row_lower - g, g - row_upper), initial=0.0))
         residual = program.solver.residual(replace(found, x=x), *ends, p=p) if found.optimal else np.inf
-        point, level = StationsPoint(x[:4], x[_BEFORE_POSTURES:].reshape(Q.shape)), float(program.level(x, p))
+        Q, level = x[_BEFORE_POSTURES:].reshape(Q.shape), float(program.level(x, p))
+        point = StationsPoint(x[:4], np.vstack([Q, Q[0] + turns]) if closed else Q)
         return StationsOutcome(point, level, violation, found.optimal, found.iterations, residual)
 
     def _variable_ends(self, Q: Array, turns: Array | float) -> tuple[Array, Array]:
