@@ -15,8 +15,6 @@ import posture_opt
 from posture_opt.cli.completion import TASK, completed_files
 from posture_opt.cli.main import COMMANDS, main
 from posture_opt.export import ARM_FORMATS, PROGRAM_FORMATS
-from posture_opt.export.export_files import export_kinds, program_kinds
-from posture_opt.files import builtin_names
 from posture_opt.export.export_files import export_kinds
 from posture_opt.files import builtin_names
 from posture_opt.selection.tasks import TASKS
