@@ -176,6 +176,8 @@ def _help(found: Solution) -> tuple[Statement, ...]:
         said.append(_improvement(found, helpful[0]))
     if little and found.target.kind == "point":
         said.append(state("selection.state-region"))
+    elif not little and not found.points and math.isfinite(gain):
+        said.append(state("selection.gain", gain=Quantity(gain, "share"), typical=Quantity(found.statistics.typical)))
     kinds = {type(change) for change in helpful}
     if CalibratedArm in kinds:
         said.append(state("selection.calibration-removes-constant"))
