@@ -28,13 +28,13 @@ from posture_opt.selection.search.inverse_kinematics import InverseKinematics, u
 from posture_opt.selection.search.multistart import MultistartResult
 from posture_opt.selection.search.relaxation import Change, Reason, Reasons, Relaxation, plane_reason
 from posture_opt.selection.search.search_outcome import SearchStatistics, is_clear
-from posture_opt.statements import Statement
 
 _POOL_POSTURES = 200  # random postures that are led towards the target: so many that of a reachable one some arrive
 _STARTS_NEAR_KNOWN = 3  # beside postures that are near already
 SEARCH = "search"
 """Name of the reason where nothing is known but that the search found nothing."""
 MAX_OFFERED = 4  # changes that are offered: each is solved first
+from posture_opt.statements import Statement
 
 Does = Callable[[Sequence[Change], Array], bool]
 """Whether the problem with some changes has a solution; near the posture (n,) that they were read from, it should."""
@@ -78,22 +78,11 @@ def not_met_together(engine: Engine, found: MultistartResult, nearest: Candidate
 def infeasible(
     problem: ProblemData, engine: Engine, found: MultistartResult, why: Explanation, seconds: float
 ) -> Solution:
-    counts = (found.arrived, found.tried, found.polished, 0, 0, 0)
-    statistics = SearchStatistics(*counts, found.sampled, None, float("nan"), found.batches, 0, seconds)
-    asked, target = engine.optimisation_problem, found.target
+    counts = found.arrived, found.tried, found.polished
+    statistics = SearchStatistics(*counts, found.sampled, seconds, batches=found.batches)
+    asked, target, none = engine.optimisation_problem, found.target, np.zeros((0, len(why.q)))
     notes: tuple[str | Statement, ...] = (*problem.notes, asked.axis_note(target))
-    return Solution(
-        problem,
-        asked,
-        target,
-        "infeasible",
-        why.q,
-        statistics,
-        np.zeros((0, len(why.q))),
-        notes,
-        why.reasons,
-        why.relaxations,
-    )
+    return Solution(problem, asked, target, "infeasible", why.q, statistics, none, notes, why.reasons, why.relaxations)
 
 
 @dataclass(frozen=True)

@@ -37,7 +37,7 @@ from posture_opt.selection.program.task_target import PLANE_TOLERANCE, Reach, Ta
 from posture_opt.selection.search.batches import screened_search, until_found_often, until_recurrence, usual_starts
 from posture_opt.selection.search.engine import CandidatePosture, Engine
 from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE, Aligner
-from posture_opt.selection.search.multistart import MultistartResult, distinct, multistart, rank
+from posture_opt.selection.search.multistart import MultistartResult, as_good, distinct, multistart, rank
 from posture_opt.selection.search.relaxation import Change, with_changes
 from posture_opt.selection.search.search_outcome import (
     SearchOutcome,
@@ -234,7 +234,7 @@ class PostureSelector:
         ends = clear_ones(tuple(engine.polished(start, target) for start in starts), self._problem.scene)
         met = tuple(sorted((candidate for candidate in ends if candidate.feasible), key=rank))
         found = replace(outcome.found, found=(*met, *outcome.found.found))
-        return replace(outcome, engine=engine, found=found, by_starts=met) if met else None
+        return replace(outcome, engine=engine, found=found) if met else None
 
     @cached_property
     def _wider(self) -> PostureSelector | None:
@@ -290,8 +290,7 @@ class PostureSelector:
         return target
 
     def _answer(self, outcome: SearchOutcome, began: float, confirm: bool) -> Solution:
-        found, by_starts, by_sweep = outcome.found, outcome.by_starts, outcome.by_sweep
-        problem = outcome.engine.optimisation_problem
+        found, problem = outcome.found, outcome.engine.optimisation_problem
         feasible = outcome.feasible or self._rescued(found, began)
         best, confirmation = feasible[0], None
         if confirm:
@@ -299,23 +298,25 @@ class PostureSelector:
             best = feasible[0]
         # A solve that stalled is no optimum; it counts only where nothing better is known.
         ended = [c for c in feasible if c.optimal] or feasible[:1]
-        apart = distinct(np.array([c.q for c in ended]), self._problem.robot) if by_sweep else range(len(ended))
+        apart = distinct(np.array([c.q for c in ended]), self._problem.robot) if outcome.by_sweep else range(len(ended))
         optima = [ended[k] for k in apart]
-        seconds = time.perf_counter() - began
-        statistics = SearchStatistics.of(found, outcome.swept, by_starts, best, len(optima), seconds, confirmation)
-
+        statistics = SearchStatistics(
+            found.arrived, found.tried, found.polished, found.sampled, time.perf_counter() - began,
+            converged=sum(c.optimal for c in outcome.by_starts), distinct=len(optima),
+            hits=found.hits if found.found and found.found[0].objective <= as_good(best.objective) else 0,
+            batches=found.batches, recurred=found.recurred, sweep=outcome.swept, confirmation=confirmation,
+        )  # fmt: skip
         notes: tuple[str | Statement, ...] = (
             *self._problem.notes, problem.axis_note(found.target), *self.remarks(),
         )  # fmt: skip
-        if not by_starts and not by_sweep:
+        if not outcome.feasible:
             notes = (*notes, state("selection.relaxed-search"))
         notes += self._beside(best.q, found.target)
         refuted = confirmation is not None and confirmation.refutes
         status: Status = "optimal" if best.optimal and not refuted else "feasible"
-        seen = np.vstack([best.q, found.sampled.Q])
         return Solution(
             self._problem, problem, found.target, status, best.q, statistics, np.array([c.q for c in optima]), notes,
-            feasible=seen, engine=outcome.engine,
+            feasible=np.vstack([best.q, found.sampled.Q]), engine=outcome.engine,
         )  # fmt: skip
 
     def _rescued(self, found: MultistartResult, began: float) -> list[CandidatePosture]:

@@ -327,7 +327,7 @@ class PathSelector(DerivedAgain):
 def _counted(candidates: int, seconds: float, problem: OptimisationProblem) -> SearchStatistics:
     """Of a point, whose candidates are compared together with those of all others."""
     sampled = Sampled.none(problem.robot)
-    return SearchStatistics(candidates, candidates, 0, 0, 0, 0, sampled, None, math.nan, 1, 0, seconds)
+    return SearchStatistics(candidates, candidates, 0, sampled, seconds)
 
 
 def _sigma(found: Solution) -> float:

@@ -69,7 +69,12 @@ class Nlp:
     @cached_property
     def g(self) -> ca.SX:
         """(m,) the expressions of all rows."""
-        return ca.vertcat(*(row.expression for row in self.rows)) if self.rows else ca.SX(0, 1)
+        return ca.vertcat(ca.SX(0, 1), *(row.expression for row in self.rows))
+
+    @property
+    def row_ends(self) -> list[ca.SX]:
+        """Lower and upper bounds (m,) of all rows as expressions in p."""
+        return [ca.vertcat(ca.SX(0, 1), *(getattr(row, end) for row in self.rows)) for end in ("lower", "upper")]
 
     def as_casadi(self) -> dict[str, ca.SX]:
         """The dictionary that ``casadi.nlpsol`` takes."""
@@ -120,8 +125,7 @@ class Nlp:
     @cached_property
     def _row_bounds(self) -> BatchFunction:
         """(p,) -> lower and upper bounds (m,) of the rows, interpreted: they are a few additions."""
-        low, high = _stacked([row.lower for row in self.rows]), _stacked([row.upper for row in self.rows])
-        return BatchFunction(ca.Function("row_bounds", [self.p], [low, high]), compiled=False)
+        return BatchFunction(ca.Function("row_bounds", [self.p], self.row_ends), compiled=False)
 
     def ends(self, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Lower and upper ends of the variables (n,), then of the rows (m,) for one target."""
@@ -139,16 +143,11 @@ class Nlp:
     @cached_property
     def screen(self) -> ca.Function:
         """``(x, p) -> (objective, worst violation of a row, first term, variance)``: all that cheap starts need."""
-        low, high = _stacked([row.lower for row in self.rows]), _stacked([row.upper for row in self.rows])
+        low, high = self.row_ends
         beyond = ca.fmax(ca.fmax(low - self.g, self.g - high), 0) if self.rows else ca.SX.zeros(1)
         return ca.Function(
             "screen", [self.x, self.p], [self.objective, ca.mmax(beyond), self.terms[0][1], self.variance]
         )
-
-
-def _stacked(bounds: Sequence[ca.SX]) -> ca.SX:
-    """Bounds (m,) in one column, also where there are none."""
-    return ca.vertcat(*bounds) if bounds else ca.SX(0, 1)
 
 
 @dataclass(frozen=True)

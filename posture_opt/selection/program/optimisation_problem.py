@@ -20,7 +20,7 @@ from posture_opt.collision.scene import Scene
 from posture_opt.errors import InputError, Issue
 from posture_opt.model.arm import Arm
 from posture_opt.model.chain import Walk, stack
-from posture_opt.numerics import DerivedAgain
+from posture_opt.numerics import Array, DerivedAgain
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.program.nlp import Nlp, Row, Variable
 from posture_opt.selection.program.task_target import PLANE_TOLERANCE, Reach, TaskTarget, spin_axis, target_symbols
@@ -126,9 +126,7 @@ class OptimisationProblem(DerivedAgain):
         """The symbolic quantities that objective and terms are made of."""
         moments = self._moments
         p = self._symbols[1]
-        columns = moments.walk.columns
         a = np.array(self.task.tool_axis) / np.linalg.norm(self.task.tool_axis)
-        axis = stack([sum(float(a[j]) * columns[j][k] for j in range(3)) for k in range(3)])
         U = self.reach.directions
         position = ca.SX(moments.position)
         all_axes = ca.SX(U) if self.flat else ca.SX.eye(3)
@@ -142,7 +140,7 @@ class OptimisationProblem(DerivedAgain):
             walk=moments.walk,
             q=self.q,
             position=position,
-            axis=ca.SX(axis),
+            axis=_turned(moments.walk, a),
             frames=self._frames(moments.walk),
             covariance=ca.SX(moments.covariance),
             bias=ca.SX(moments.mean) - position,
@@ -241,9 +239,8 @@ class OptimisationProblem(DerivedAgain):
         """Sine of the turn of the tool away from the wanted yaw, which is zero, and the side on which it faces."""
         if self.task.heading is None:
             return []
-        p, zero, b = self._symbols[1], ca.SX(0), spin_axis(self.task.tool_axis)
-        columns = self.quantities.walk.columns
-        turned = ca.SX(stack([sum(float(b[j]) * columns[j][k] for j in range(3)) for k in range(3)]))
+        p, zero = self._symbols[1], ca.SX(0)
+        turned = _turned(self.quantities.walk, spin_axis(self.task.tool_axis))
         beside = ca.dot(ca.cross(p["spin"], p["axis"]), turned)
         facing = Row("yaw.facing", "1", ca.dot(p["spin"], turned), zero, ca.SX(math.inf))
         return [Row("yaw", "1", beside, zero, zero), facing]
@@ -276,6 +273,11 @@ class OptimisationProblem(DerivedAgain):
             message = f"{term.kind} bounds nothing on this arm: no joint of it can change that"
             raise InputError(Issue(message, ("task", section, place), term.kind, "leave it out"))
         return values
+
+
+def _turned(reached: Walk, vector: Array) -> ca.SX:
+    """A vector (3,) of the tool frame in the world."""
+    return ca.SX(stack([sum(float(vector[j]) * reached.columns[j][k] for j in range(3)) for k in range(3)]))
 
 
 def _shown_as(term: Term) -> Callable[[float], float]:

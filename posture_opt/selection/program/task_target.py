@@ -133,21 +133,8 @@ def _aligned(basis: Array, lean: float) -> Array:
     return np.array(columns).T if columns and len(columns) == basis.shape[1] else basis
 
 
-SIZES = {
-    "lower": 3,
-    "upper": 3,
-    "direction": 3,
-    "b1": 3,
-    "b2": 3,
-    "clearance": 1,
-    "sin_tilt": 1,
-    "scale": 1,
-    "axis": 3,
-    "a1": 3,
-    "a2": 3,
-    "spin": 3,
-    "lever": 3,
-}
+SIZES = dict.fromkeys(("lower", "upper", "direction", "b1", "b2"), 3)
+SIZES |= dict.fromkeys(("clearance", "sin_tilt", "scale"), 1) | dict.fromkeys(("axis", "a1", "a2", "spin", "lever"), 3)
 FREE = 1e6
 """A bound on the tool point that no arm reaches: the target is free."""
 

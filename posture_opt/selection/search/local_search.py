@@ -203,8 +203,8 @@ class Derivatives(NamedTuple):
         x, p, m = nlp.x, nlp.p, len(nlp.rows)
         # Before differentiation: what is alike in a program is alike in its derivatives, which are ten times as long.
         f, g = ca.cse([nlp.objective, nlp.g])
-        low, high = ([getattr(row, end) for row in nlp.rows] for end in ("lower", "upper"))
-        ends = ca.fmax(_column(low), -INFINITE_BOUND), ca.fmin(_column(high), INFINITE_BOUND)
+        low, high = nlp.row_ends
+        ends = ca.fmax(low, -INFINITE_BOUND), ca.fmin(high, INFINITE_BOUND)
         weights = ca.SX.sym("weights", m)
         slopes = ca.gradient(f, x), ca.jacobian(g, x)
         hessian = ca.hessian(f + ca.dot(weights, g), x)[0]
@@ -213,11 +213,6 @@ class Derivatives(NamedTuple):
             ca.Function("slopes", [x, p], _dense(*slopes)),
             ca.Function("curvature", [x, p, weights], _dense(hessian)),
         )
-
-
-def _column(entries: list[ca.SX]) -> ca.SX:
-    """Entries (m,) in one column, also where there are none."""
-    return ca.vertcat(*entries) if entries else ca.SX(0, 1)
 
 
 def _dense(*outputs: ca.SX) -> list[ca.SX]:
