@@ -28,13 +28,13 @@ from posture_opt.selection.search.inverse_kinematics import InverseKinematics, u
 from posture_opt.selection.search.multistart import MultistartResult
 from posture_opt.selection.search.relaxation import Change, Reason, Reasons, Relaxation, plane_reason
 from posture_opt.selection.search.search_outcome import SearchStatistics, is_clear
+from posture_opt.statements import Statement
 
 _POOL_POSTURES = 200  # random postures that are led towards the target: so many that of a reachable one some arrive
 _STARTS_NEAR_KNOWN = 3  # beside postures that are near already
 SEARCH = "search"
 """Name of the reason where nothing is known but that the search found nothing."""
 MAX_OFFERED = 4  # changes that are offered: each is solved first
-from posture_opt.statements import Statement
 
 Does = Callable[[Sequence[Change], Array], bool]
 """Whether the problem with some changes has a solution; near the posture (n,) that they were read from, it should."""
