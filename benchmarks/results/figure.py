@@ -7,8 +7,7 @@ from typing import Any
 
 from benchmarks.results.section import Chart, Section
 from posture_opt.report.page.colours import BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILLION
-from posture_opt.report.page.new_figure import new_figure
-from posture_opt.report.page.style import legend_below, styled
+from posture_opt.report.page.style import legend_below, new_figure, styled
 
 COLOURS = (BLUE, ORANGE, GREEN, PURPLE, VERMILLION)
 MARKERS = ("o", "s", "^", "D", "v")

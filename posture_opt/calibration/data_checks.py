@@ -85,6 +85,8 @@ def check_size(residuals: Residuals, held: int | None) -> None:
     """
     if residuals.data.kind.fixes_size or residuals.distances or held is not None:
         return
+    if not any(p.group == "geometry" for p in residuals.parameters):
+        return
     raise InsufficientDataError(
         f"{residuals.data.kind.noun} alone do not determine the size of this arm, and it has no length that could be "
         f"held: {state_a_distance(residuals.data)}"
@@ -141,7 +143,7 @@ def check_geometry(residuals: Residuals, known: FitSetup, x: Array) -> None:
         InsufficientDataError: no parameter of the arm itself is determined, nor any combination of them.
     """
     geometry = np.array([p.group == "geometry" for p in residuals.parameters])
-    if known.identifiability.determined[geometry].any():
+    if not geometry.any() or known.identifiability.determined[geometry].any():
         return
     frames = [p for p in residuals.parameters if p.group != "geometry"]
     J, scale = residuals.residuals_and_jacobian(x)[1][:, ~geometry], prior_tolerances(frames, [])

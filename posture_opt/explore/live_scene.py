@@ -25,7 +25,6 @@ from posture_opt.explore.drawing import (
 from posture_opt.explore.live_cell import LiveCell
 from posture_opt.explore.viewpoint import look_at
 from posture_opt.numerics import Array
-from posture_opt.report.interactive.triangles import Triangles, arrow
 from posture_opt.report.page.colours import BLUE, PURPLE, VERMILLION
 from posture_opt.report.scene.arm_geometry import (
     ARROW_SHARE,
@@ -36,6 +35,7 @@ from posture_opt.report.scene.arm_geometry import (
     frame_along,
 )
 from posture_opt.report.scene.arm_solids import COLOURS, ArmSolids
+from posture_opt.report.scene.arm_view import Triangles, arrow
 from posture_opt.uncertainty.simulation.cloud import cloud_of
 
 if TYPE_CHECKING:

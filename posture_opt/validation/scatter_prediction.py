@@ -134,6 +134,8 @@ def observed_variances(
         The variances, None where they cannot be estimated; and models of the scatter, compared on postures left out.
     """
     names = joint_errors(used.robot)
+    if not names:
+        return None, ()
     if len(between.scatter.freedom):
         scatter, codes, stated = between.scatter, np.arange(len(between.scatter.freedom)), between.covariances
     else:
@@ -156,5 +158,7 @@ def observed_variances(
 def worth_showing(residuals: Residuals, x: Array, noise: JointVariances | None) -> Mask:
     """(n,) whether the data could show a joint's scatter: it moves the point, and its σ is determined."""
     lever = np.sqrt(np.mean(np.sum(joint_columns(residuals, x) ** 2, axis=1), axis=0))
+    if not lever.size:
+        return np.zeros(0, dtype=bool)
     moving = lever > _MIN_LEVER_SHARE * np.where(prismatic_joints(residuals), 0.0, lever.max())
     return np.asarray(moving & (noise.determined if noise is not None else True))

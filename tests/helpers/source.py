@@ -46,7 +46,7 @@ SUBROOMS: dict[str, list[str]] = {
     ],
     "calibration": ["estimation", "assumptions"],
     "diagnosis": ["scores", "search", "noise", "causes", "discrimination"],
-    "report": ["text", "page", "parts", "measured_parts", "scene", "figures", "interactive", "results"],
+    "report": ["text", "page", "parts", "scene", "figures", "results"],
 }
 """The folders of a room, and such of its files as another folder needs, in the order in which they may import each
 other; files that are not listed come behind all folders.

@@ -13,7 +13,7 @@ import pytest
 import posture_opt as po
 from posture_opt.collision.scene import Scene
 from posture_opt.collision.scene_statements import scene_statements
-from posture_opt.report.text.lead import fits, lead
+from posture_opt.report.text.blocks import fits, lead
 from posture_opt.result import Result
 from posture_opt.selection.paths.path_breaks import PathBreak
 from posture_opt.selection.search.relaxation import Reason, Relaxation

@@ -46,7 +46,6 @@ def features_facts(found: Solution) -> list[tuple[str, str]]:
 
 
 def _range(placement: PlacementRange) -> str:
-    """Where the workpiece may stand."""
     texts = []
     for k, name in enumerate(COORDINATES):
         write = stated_angle if k == 3 else stated_length
@@ -56,7 +55,6 @@ def _range(placement: PlacementRange) -> str:
 
 
 def _sigma_unit(found: Solution) -> tuple[str, float]:
-    """The unit of all standard deviations of the report, and the factor from m to it: that of the answer."""
     return length_unit([float(s) for s in found.sigmas])
 
 
@@ -83,7 +81,6 @@ def features_block(found: Solution) -> Block:
 
 
 def _share(p: float | None) -> str:
-    """A probability in percent, as tables have it."""
     return "" if p is None else probability(p).removesuffix(" %")
 
 

@@ -1,17 +1,21 @@
-"""The tables of a diagnosis: causes, errors by model, test file, targets in several postures, pairs of causes."""
+"""The tables of a diagnosis, and ``split_measurements.csv`` with the measurements that discriminate between causes."""
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from posture_opt.csv_text import csv_line
 from posture_opt.diagnosis.cause_statements import numbers_of
 from posture_opt.diagnosis.diagnosis_statements import words
 from posture_opt.diagnosis.discrimination.discrimination_design import detection_probability
 from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent
 from posture_opt.errors import enumerated
-from posture_opt.report.measured_parts.error_table import error_cells, error_headers, mm, range_table
+from posture_opt.measurements.columns import AXES
+from posture_opt.measurements.kinds.pose_columns import QUATERNION
+from posture_opt.report.parts.model_tables import error_cells, error_headers, mm, range_table
 from posture_opt.report.text.blocks import Facts, Item, Table
 from posture_opt.report.text.words import MODEL_NAMES
 from posture_opt.statements import Quantity, p_value, p_words
@@ -21,9 +25,9 @@ from posture_opt.units import ERROR_UNITS, fixed, number, plus_minus
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from posture_opt import Diagnosis, Measurements
     from posture_opt.diagnosis.causes.causes import Finding
     from posture_opt.diagnosis.causes.sessions import Gain, SecondSession
-    from posture_opt.diagnosis.diagnosis import Diagnosis
     from posture_opt.diagnosis.discrimination.discrimination_plan import DiscriminationPlan
     from posture_opt.diagnosis.measured_goals import Choice, MeasuredGoals
 
@@ -66,7 +70,6 @@ def causes_table(found: Diagnosis) -> Table:
 
 
 def _size(found: Diagnosis, finding: Finding) -> str:
-    """The size with its standard error; that it is open, or how many parameters differ, where there is no number."""
     if not finding.determined:
         return "not determined"
     if finding.open_part is not None:
@@ -83,7 +86,6 @@ def _shift(found: Diagnosis, finding: Finding) -> str:
 
 
 def _test_gain(test: SecondSession | None, finding: Finding) -> str:
-    """The share that a cause removes on a test file; in brackets where it is not significant."""
     gain: Gain | None = None if test is None or finding.place is None else test.gains[finding.place]
     if gain is None:
         return "not tested" if finding.place is not None else ""
@@ -122,7 +124,6 @@ def each_cause(found: Diagnosis) -> tuple[Item, ...]:
 
 
 def _geometry(found: Diagnosis) -> list[tuple[str, str]]:
-    """The most certain corrections."""
     far = sorted((c for c in found.corrections if c.std), key=lambda c: -abs(c.value / c.std))[:_MAX_GEOMETRY]
     texts = (f"{c.parameter.name} {plus_minus(c.value, c.std, *ERROR_UNITS[c.parameter.unit])}" for c in far)
     return [("Most certain", ", ".join(texts))]
@@ -166,7 +167,6 @@ def goals_tables(goals: MeasuredGoals) -> tuple[Table, ...]:
 
 
 def _choices(head: str, choices: Mapping[str, Choice], clearance: float | None) -> Table:
-    """A row a model: median and 95 % error in its postures, how often it fits, and how often it chose the better."""
     fits = [] if clearance is None else ["fits"]
     rows = []
     for name, choice in choices.items():
@@ -215,5 +215,44 @@ def split_tables(found: Diagnosis, plan: DiscriminationPlan) -> tuple[Table, ...
 
 
 def _refuted(p: float) -> str:
-    """A probability of detection."""
     return "above 99.9 %" if p > 0.999 else "below 0.1 %" if p < 0.001 else str(Quantity(p, "share"))
+
+
+FILE = "split_measurements.csv"
+
+
+def split_csv(found: Diagnosis) -> str:
+    """The planned measurements with the columns of the data, what is to be measured left empty; empty without any."""
+    plan, data = found.split, found.request.data
+    parts = [("split", plan.rows, plan.rounds, 2)] if plan is not None and len(plan.rows) else []
+    # Postures that are to be repeated are commanded as they were.
+    parts += [(f"repeat {p.target}", p.rows, p.times, 6) for p in found.repeat_plans]
+    if not parts:
+        return ""
+    robot = found.model.residuals.robot
+    headers = [f"{j.name} [{joint_unit(j.type)[0]}]" for j in robot.joints]
+    labels = [name for name in ("pose", "goal") if getattr(data, f"{name}_given")]
+    every = tuple(range(robot.n)) if data.approach_given and found.repeat_plans else ()
+    sided = every or (plan.sided if plan is not None else ())
+    sides = [f"{robot.joint_names[j]}.approach" for j in sided]
+    load = ["payload [kg]"] if any(rows.payload is not None for _, rows, _, _ in parts) else []
+    empty = _unmeasured(data)
+    target = ["target"] if data.target_names else []
+    lines = [csv_line([*labels, *target, *headers, *sides, *load, *empty])]
+    factors = [math.degrees(1.0) if j.type == "revolute" else 1e3 for j in robot.joints]
+    for label, rows, times, digits in parts:
+        for i in [*range(len(rows))] * times:
+            values = [f"{v:.{digits}f}" for v in np.array(rows.q[i]) * factors + 0.0]
+            here = [f"{label} {i + 1}"] * len(labels)
+            here += [data.target_names[rows.target[i]]] if target else []
+            here += [*values, *(f"{rows.approach[i, j]:.0f}" for j in sided)]
+            here += ["" if rows.payload is None else f"{rows.payload[i]:g}"] if load else []
+            lines.append(csv_line([*here, *[""] * len(empty)]))
+    return "\n".join(lines) + "\n"
+
+
+def _unmeasured(data: Measurements) -> list[str]:
+    turned = list(QUATERNION) if data.rotation is not None else []
+    logged = [("temperature [degC]", data.temperature), ("time [s]", data.time)]
+    axes = [f"{AXES[a]} [mm]" for a in np.flatnonzero(data.measured_axes)]
+    return [*axes, *turned, *(name for name, values in logged if values is not None)]

@@ -1,4 +1,4 @@
-"""``ArmView``: an arm in several postures to choose from, with what is asked of its tool point and what is around.
+"""``ArmView``: an arm in several postures to choose from, with its target and surroundings, as plotly.js draws them.
 
 Inside everything is in m and rad; the document for the page has mm and frames as twelve numbers ``R | t``.
 """
@@ -6,14 +6,15 @@ Inside everything is in m and rad; the document for the page has mm and frames a
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from posture_opt.numerics import Array, Json
-from posture_opt.report.interactive.triangles import Triangles, arrow, ball, solids_document
+from posture_opt.collision.facets import cylinder_facets, tapered_facets
+from posture_opt.numerics import Array, Codes, Json
 from posture_opt.report.page.page import View
 from posture_opt.report.scene.arm_geometry import (
     ARROW_SHARE,
@@ -30,25 +31,83 @@ from posture_opt.statements.notation import joint_unit
 from posture_opt.units import fixed
 
 if TYPE_CHECKING:
+    from posture_opt import Robot, Spread
     from posture_opt.collision.scene import Scene
-    from posture_opt.robot.robot import Robot
-    from posture_opt.uncertainty.spread.spread import Spread
+
+_SHAFT_RADIUS, _HEAD_RADIUS = 0.028, 0.075  # radii of an arrow of length 1
+
+
+@dataclass(frozen=True)
+class Triangles:
+    """Surfaces as one mesh.
+
+    Args:
+        corners: (v, 3) [m]; ``faces`` (t, 3) numbers of the corners of each triangle.
+        owner: (t,) number of the surface that each triangle is of.
+    """
+
+    corners: Array
+    faces: Codes
+    owner: Codes
+
+    @classmethod
+    def of(cls, surfaces: Sequence[Array]) -> Triangles:
+        """Of surfaces, each of faces (k, 4, 3) [m]; no two share a corner."""
+        corners, faces, owner, count = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=int)], [np.zeros(0, dtype=int)], 0
+        for which, surface in enumerate(surfaces):
+            flat = surface.reshape(-1, 3)
+            # Corners nearer than 0.1 µm are one.
+            _, first, index = np.unique(np.round(flat / 1e-7), axis=0, return_index=True, return_inverse=True)
+            quad = index.reshape(-1, 4)
+            three = np.concatenate([quad[:, [0, 1, 2]], quad[:, [0, 2, 3]]])
+            whole = (three[:, 0] != three[:, 1]) & (three[:, 1] != three[:, 2]) & (three[:, 2] != three[:, 0])
+            corners.append(flat[first])
+            faces.append(three[whole] + count)
+            owner.append(np.full(int(whole.sum()), which))
+            count += len(first)
+        return cls(np.concatenate(corners), np.concatenate(faces), np.concatenate(owner))
+
+    def document(self, decimals: int = 1) -> dict[str, Json]:
+        """``x, y, z`` [mm] of the corners, and ``i, j, k`` of the triangles."""
+        points = np.round(1e3 * self.corners, decimals)
+        return {
+            **{name: points[:, axis].tolist() for axis, name in enumerate("xyz")},
+            **{name: self.faces[:, axis].tolist() for axis, name in enumerate("ijk")},
+        }
+
+
+def solids_document(solids: Sequence[Solid]) -> dict[str, Json]:
+    """Solids as one mesh: with its triangles the frame of each corner, and of which part each triangle is."""
+    found = Triangles.of([solid.faces for solid in solids])
+    frame = np.zeros(len(found.corners), dtype=int)
+    frame[found.faces] = np.array([solid.frame for solid in solids])[found.owner][:, None]
+    parts = [{"name": solid.name, "role": solid.role} for solid in solids]
+    return {**found.document(), "frame": frame.tolist(), "part": found.owner.tolist(), "parts": parts}
+
+
+def arrow() -> Triangles:
+    """An arrow of length 1 along z from the origin: a shaft and a cone."""
+    neck, tip = np.array([0.0, 0.0, 0.74]), np.array([0.0, 0.0, 1.0])
+    return Triangles.of(
+        [cylinder_facets(np.zeros(3), neck, _SHAFT_RADIUS), tapered_facets(neck, tip, _HEAD_RADIUS, 0.0)]
+    )
+
+
+def ball() -> Triangles:
+    """A ball of radius 1 about the origin; what flattens it to a disc makes it the region of a planar arm."""
+    pole = np.array([0.0, 0.0, 1e-9])
+    return Triangles.of([tapered_facets(-pole, pole, 1.0, 1.0)])
+
 
 VIEWED_ROWS = 200
 """Of a table: more postures hide each other."""
 _MAX_REGION_SHARE = 0.4  # of the extent: an enlarged region is no longer than this
 _VIEW_TURNS_DEG = -62.0, 62.0, -100.0, 100.0, -30.0, 30.0  # deg off where the arm reaches to, the best view first
-_MAX_CORNERS = 800  # corners of an arm are looked at for its extent
 
 
 @dataclass(frozen=True)
 class Mark:
-    """Words at a joint, at ``base`` or at ``tool``, which are shown in colour.
-
-    Args:
-        owner: name of the joint, ``base`` or ``tool``.
-        text: one line or more.
-    """
+    """Words at a joint, at ``base`` or at ``tool``, which are shown in colour."""
 
     owner: str
     text: str
@@ -146,7 +205,8 @@ class ArmView(View):
         for frames in self._frames:
             for solid in self._arm.solids:
                 corners = solid.placed(frames).faces.reshape(-1, 3)
-                found.append(corners[:: max(1, len(self.postures) * len(corners) // _MAX_CORNERS)])
+                # About 800 corners tell the extent of an arm.
+                found.append(corners[:: max(1, len(self.postures) * len(corners) // 800)])
         return np.concatenate(found)
 
     @cached_property
@@ -157,7 +217,6 @@ class ArmView(View):
 
     @cached_property
     def _around(self) -> tuple[Solid, ...]:
-        """Obstacles near the arm, and a floor where none of them is one; a planar arm has no floor."""
         obstacles = () if self.scene is None else obstacles_near(self.scene, self._points)
         height = None if self.scene is None else self.scene.floor_height
         floor = None if self._planar else floor_under(self._points, obstacles, height)
@@ -165,13 +224,11 @@ class ArmView(View):
 
     @property
     def _planar(self) -> bool:
-        """Whether the arm moves in a plane, as the spread of its first posture says."""
         spread = self.postures[0].spread
         return spread is not None and len(spread.basis) == 2
 
     @cached_property
     def _regions(self) -> tuple[ErrorRegion, ...]:
-        """Of the postures that have one, all enlarged alike, so that their sizes compare."""
         spreads = [posture.spread for posture in self.postures if posture.spread is not None]
         sizes = [float(spread.region(0.95)[-1]) for spread in spreads]
         if not sizes:
@@ -183,11 +240,7 @@ class ArmView(View):
 
     def _posture(self, posture: ShownPosture) -> dict[str, Json]:
         """One posture as plain numbers: frames, region, arrow of the direction, ring, target that is missed, shares,
-        marks.
-
-        What a posture has not is None. The region is the map of a unit ball, enlarged; ``missed`` is the target [mm]
-        where the tool point is more than 0.1 mm off it.
-        """
+        marks."""
         k = self.postures.index(posture)
         region = None
         if posture.spread is not None:
@@ -231,8 +284,7 @@ class ArmView(View):
     @property
     def _eye(self) -> list[float]:
         """(3,) the direction to the viewer: from the side of the arm and a little from above; planar arms from above
-        their plane.
-        """
+        their plane."""
         if self._planar:
             spread = self.postures[0].spread
             assert spread is not None

@@ -1,11 +1,9 @@
-"""Measurements in a few lines, for those who work with them in Python.
-
-There is no page and no figure: a table of measurements is printed as a summary, or converted to a data frame.
-"""
+"""Problems and measurements in a few lines, for those who work with them in Python."""
 
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -17,11 +15,52 @@ from posture_opt.measurements.mixing import unmixed
 from posture_opt.measurements.rotations import inverted_poses
 from posture_opt.measurements.table import LINE_INDEX
 from posture_opt.report.page.presenter import SummaryPresenter, pandas_module
+from posture_opt.report.parts.parts import effect_facts, robot_facts, source_facts, workpiece_facts
 from posture_opt.report.text.blocks import Summary
+from posture_opt.statements.notation import place, stated_length
 from posture_opt.units import DIMENSIONS
 
 if TYPE_CHECKING:
-    from posture_opt.measurements.measurements import Measurements
+    from posture_opt import Measurements, Problem, Task
+
+
+class ProblemPresenter(SummaryPresenter["Problem"]):
+    """The robot, its scatter and its task, as the summary that ``print`` shows."""
+
+    def summary(self) -> Summary:
+        problem: Problem = self.result
+        facts = [
+            robot_facts(problem)[0],
+            *effect_facts(problem),
+            *source_facts(problem),
+            *workpiece_facts(problem),
+            *_task_facts(problem.task),
+        ]
+        if problem.cell is not None and problem.cell.obstacles:
+            facts.append(("Obstacles", ", ".join(obstacle.name for obstacle in problem.cell.obstacles)))
+        # Two lines a fact.
+        return Summary(
+            f"Problem: {problem.name}",
+            tuple((label, textwrap.shorten(text, 150, placeholder=" …")) for label, text in facts),
+        )
+
+
+def _task_facts(task: Task | None) -> list[tuple[str, str]]:
+    if task is None:
+        return [("Task", "none stated")]
+    clearance = f", clearance {stated_length(task.clearance)}" if task.clearance else ""
+    return [("Task", f"{task.kind}{clearance}"), ("Target", _where(task))]
+
+
+def _where(task: Task) -> str:
+    """Where the tool point has to be: a path, features, a region, anywhere, or one position [mm], world frame."""
+    if task.on_path:
+        return "along a path"
+    if task.features:
+        return f"{len(task.features)} features of a workpiece: {', '.join(feature.name for feature in task.features)}"
+    if task.region is not None:
+        return f"anywhere between {place(task.region.min)} and {place(task.region.max)}"
+    return "anywhere in reach" if task.position is None else place(task.position)
 
 
 class MeasurementsPresenter(SummaryPresenter["Measurements"]):
@@ -41,7 +80,6 @@ class MeasurementsPresenter(SummaryPresenter["Measurements"]):
         return frame
 
     def summary(self) -> Summary:
-        """Rows and postures, what was measured, how far joints moved; robots, inputs and notes where there are any."""
         data = self.result
         poses = len(np.unique(data.pose))
         repeated = f" of {poses} postures" if poses < len(data) else ", each of another posture"
@@ -56,10 +94,7 @@ class MeasurementsPresenter(SummaryPresenter["Measurements"]):
 
 
 def _columns(data: Measurements) -> Iterator[tuple[str, Any]]:
-    """Column names and values as ``read_measurements`` reads them back, in SI units: nothing is rounded.
-
-    Columns that the file did not have are left out; an unknown side of approach is NaN.
-    """
+    """Column names and values as ``read_measurements`` reads them back, in SI units: nothing is rounded."""
     units = data.joint_units or ("rad",) * data.q.shape[1]
     for k, (name, unit) in enumerate(zip(data.joint_names, units, strict=True)):
         yield f"{name} [{unit}]", data.q[:, k]
@@ -87,7 +122,6 @@ def _columns(data: Measurements) -> Iterator[tuple[str, Any]]:
 
 
 def _labels(data: Measurements) -> Iterator[tuple[str, Any]]:
-    """Groups of rows, by their names where the file has names."""
     yield from (("pose", data.pose),) if data.pose_given else ()
     yield from (("goal", data.goal),) if data.goal_given else ()
     for label, codes, names in (
@@ -101,7 +135,6 @@ def _labels(data: Measurements) -> Iterator[tuple[str, Any]]:
 
 
 def _measured(data: Measurements) -> str:
-    """The measured axes and whether orientations were measured, or how many points were touched."""
     if data.touches:
         return f"touches of {len(data.point_names)} points"
     if data.position is None:
