@@ -19,8 +19,16 @@ from posture_opt.numerics import Array
 from posture_opt.selection.program.nlp import Row
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem, bound_terms
 from posture_opt.selection.program.task_target import TaskTarget
-from posture_opt.selection.search.elastic_problem import AXIS, HELD, LIMITS, TARGET, Compromise, ElasticProblem
-from posture_opt.selection.search.giving_scene import CLEARANCE, gives_enough
+from posture_opt.selection.search.elastic_problem import (
+    AXIS,
+    CLEARANCE,
+    HELD,
+    LIMITS,
+    TARGET,
+    Compromise,
+    ElasticProblem,
+    gives_enough,
+)
 from posture_opt.selection.search.relaxation import (
     VISIBLE_EXCESS,
     YAW,

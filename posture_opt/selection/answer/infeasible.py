@@ -1,9 +1,8 @@
 """Why nothing is feasible, and what would help: which requirement is in the way, and by how little it must give.
 
-Only asked when restarts of the search found nothing. Each requirement gives alone, as little as it can, while all the
-others are met; where none suffices alone, terms and obstacles give together, and then everything. The reason that is
-reported is the most particular one: a term or an obstacle before a limit, a limit before the tool axis, the target
-last.
+Each requirement gives alone, as little as it can, while all the others are met; where none suffices alone, terms and
+obstacles give together, then everything. The reason that is reported is the most particular one. For several stations
+a change is sought at every one that fails, and the loosest value that any needs is solved first, then offered.
 """
 
 from __future__ import annotations
@@ -16,14 +15,13 @@ import numpy as np
 
 from posture_opt.numerics import Array
 from posture_opt.robot.posture import Posture
-from posture_opt.selection.answer.changes import ATTEMPTS, PLANE_DECIMALS, Changes, onto_plane
+from posture_opt.selection.answer.changes import ATTEMPTS, PLANE_DECIMALS, Attempt, Changes, onto_plane
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.program.task_target import TaskTarget
-from posture_opt.selection.search.elastic_problem import AXIS, LIMITS, TARGET, Compromise, ElasticProblem
+from posture_opt.selection.search.elastic_problem import AXIS, CLEARANCE, LIMITS, TARGET, Compromise, ElasticProblem
 from posture_opt.selection.search.engine import CandidatePosture, Engine
-from posture_opt.selection.search.giving_scene import CLEARANCE
 from posture_opt.selection.search.inverse_kinematics import InverseKinematics, unlimited
 from posture_opt.selection.search.multistart import MultistartResult
 from posture_opt.selection.search.relaxation import Change, Reason, Reasons, Relaxation, plane_reason
@@ -344,3 +342,103 @@ def limited(does: Does) -> Does:
 
 def words_of(changes: Sequence[Change]) -> str:
     return " and ".join(dict.fromkeys(change.words for change in changes))
+
+
+@dataclass(frozen=True)
+class _SharedWay:
+    """Requirements that give at every station that fails, with the compromise of each; ``worst`` is the costliest."""
+
+    names: tuple[str, ...]
+    ways: tuple[Compromise, ...]
+
+    @property
+    def worst(self) -> int:
+        return int(np.argmax([way.cost for way in self.ways]))
+
+    @property
+    def cost(self) -> float:
+        return max(way.cost for way in self.ways)
+
+
+def explain_stations(inquiry: Infeasibility, targets: Sequence[TaskTarget], names: Sequence[str]) -> Explanation:
+    """The reasons at the station that lacks most, and changes that do for all; ``targets`` are those that fail."""
+    reach = inquiry.problem.reach
+    outside = [
+        (reason, name) for target, name in zip(targets, names, strict=True) if (reason := plane_reason(reach, target))
+    ]
+    if outside:
+        reason, name = max(outside, key=lambda pair: pair[0].amount)
+        return Explanation(inquiry.nearest, (replace(reason, message=f"{name}: {reason.message}"),))
+    # At most 40, spread evenly
+    chosen = np.unique(np.linspace(0, len(targets) - 1, min(40, len(targets))).round().astype(int)).tolist()
+    targets, names = [targets[k] for k in chosen], [names[k] for k in chosen]
+    start = min(range(len(targets)), key=lambda k: float(np.linalg.norm(targets[k].lower - inquiry.target.lower)))
+    ways = [_shared(inquiry, own, targets, start) for own in inquiry.ways() if not own[1].met]
+    shared = [way for way in ways if way is not None]
+    if not shared:
+        return Explanation(inquiry.nearest)
+    cell = inquiry.elastic.cell
+    changing = [way for way in shared if not {*way.names} & {TARGET, *cell.movable}]
+    own = [way for way in shared if not {*way.names} & {*cell.movable}] or shared
+    chief = max(own, key=lambda way: (specific(way.names), -way.cost))
+    reasons = _reasons(inquiry, chief, targets, names)
+    offered: list[Relaxation] = []
+    inquiry = replace(inquiry, does=limited(inquiry.does))
+    for way in sorted(changing, key=lambda way: way.cost):
+        if len(offered) < MAX_OFFERED and (found := _relaxation(inquiry, way, targets, names)) is not None:
+            offered.append(found)
+    return Explanation(chief.ways[chief.worst].q, reasons, tuple(offered))
+
+
+def _shared(
+    inquiry: Infeasibility, own: tuple[tuple[str, ...], Compromise], targets: Sequence[TaskTarget], start: int
+) -> _SharedWay | None:
+    """The least that these requirements must give at every station, from ``start`` outwards; None where one fails."""
+    names, first = own
+    found: dict[int, Compromise] = {}
+    for order in (range(start, len(targets)), range(start - 1, -1, -1)):
+        near = first
+        for k in order:
+            starts = np.array([near.q, first.q, *inquiry.postures_near(targets[k])])
+            way = inquiry.elastic.least(targets[k].parameters, names, starts)
+            if way is None:
+                return None
+            found[k] = near = way
+    return _SharedWay(names, tuple(found[k] for k in range(len(targets))))
+
+
+def _reasons(
+    inquiry: Infeasibility, way: _SharedWay, targets: Sequence[TaskTarget], names: Sequence[str]
+) -> tuple[Reason, ...]:
+    worst = way.worst
+    at = replace(inquiry, found=replace(inquiry.found, target=targets[worst]))
+    found = at.reasons(way.names, way.ways[worst])
+    return tuple(replace(reason, message=f"{names[worst]}: {reason.message}") for reason in found)
+
+
+def _relaxation(
+    inquiry: Infeasibility, way: _SharedWay, targets: Sequence[TaskTarget], names: Sequence[str]
+) -> Relaxation | None:
+    written = (_changes(inquiry, way, targets, attempt) for attempt in ATTEMPTS if not attempt.digits)
+    changes = first_that_does(written, lambda changes: inquiry.does(changes, way.ways[way.worst].q))
+    if changes is None:
+        return None
+    reasons, posture = _reasons(inquiry, way, targets, names), Posture(inquiry.problem.robot, way.ways[way.worst].q)
+    return Relaxation(words_of(changes), reasons, posture, way.cost, changes)
+
+
+def _changes(
+    inquiry: Infeasibility, way: _SharedWay, targets: Sequence[TaskTarget], attempt: Attempt
+) -> tuple[Change, ...]:
+    assert inquiry.asked is not None
+    assert inquiry.asked.task is not None
+    task, loosest = inquiry.asked.task, dict[str, Change]()
+    for target, one in zip(targets, way.ways, strict=True):
+        given = [name for name in way.names if one.lacking[name] > 0]
+        changes = Changes(inquiry.problem, task, inquiry.elastic, target, one, attempt).of(given)
+        if given and not changes:
+            return ()
+        for change in changes:
+            before = loosest.get(change.path)
+            loosest[change.path] = change if before is None else before.with_room_for(change)
+    return tuple(loosest.values())

@@ -34,10 +34,19 @@ from posture_opt.selection.program.optimisation_problem import (
     with_held_joints,
 )
 from posture_opt.selection.program.task_target import PLANE_TOLERANCE, Reach, TaskTarget
-from posture_opt.selection.search.batches import screened_search, until_found_often, until_recurrence, usual_starts
 from posture_opt.selection.search.engine import CandidatePosture, Engine
 from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE, Aligner
-from posture_opt.selection.search.multistart import MultistartResult, as_good, distinct, multistart, rank
+from posture_opt.selection.search.multistart import (
+    MultistartResult,
+    as_good,
+    distinct,
+    multistart,
+    rank,
+    screened_search,
+    until_found_often,
+    until_recurrence,
+    usual_starts,
+)
 from posture_opt.selection.search.relaxation import Change, with_changes
 from posture_opt.selection.search.search_outcome import (
     SearchOutcome,

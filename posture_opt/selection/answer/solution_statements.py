@@ -15,7 +15,7 @@ from posture_opt.robot.robot import Robot
 from posture_opt.selection.answer.improvements import CalibratedArm, HalvedSigma, Improvement, MovedPart
 from posture_opt.selection.answer.placement import placement_text
 from posture_opt.selection.registered_tasks import part_words
-from posture_opt.selection.search.confirmation import Confirmation
+from posture_opt.selection.search.engine import Confirmation
 from posture_opt.selection.tasks.workpiece import WORKPIECE
 from posture_opt.statements import Quantity, Statement, Value, state
 from posture_opt.statements.notation import place, shift

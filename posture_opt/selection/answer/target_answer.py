@@ -11,13 +11,13 @@ import numpy as np
 from posture_opt.numerics import Array, Json, finite_or_none
 from posture_opt.result import Result
 from posture_opt.robot.posture import Posture
-from posture_opt.selection.answer.lower_bound import LowerBound, lower_bound
 from posture_opt.selection.answer.other_postures import (
     ManipulablePosture,
     configurations,
     end_moments,
     most_manipulable,
 )
+from posture_opt.selection.answer.prices import LowerBound, lower_bound
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.program.task_target import TaskTarget

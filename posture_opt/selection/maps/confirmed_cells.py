@@ -8,8 +8,7 @@ from dataclasses import replace
 from posture_opt.collision.scene import Scene
 from posture_opt.selection.maps.map_candidate import MapCandidate
 from posture_opt.selection.program.task_target import TaskTarget
-from posture_opt.selection.search.confirmation import Confirmation, joined_confirmation
-from posture_opt.selection.search.engine import CandidatePosture, Engine
+from posture_opt.selection.search.engine import CandidatePosture, Confirmation, Engine, joined_confirmation
 from posture_opt.selection.search.search_outcome import confirmed
 
 

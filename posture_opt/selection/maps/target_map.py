@@ -28,8 +28,7 @@ from posture_opt.selection.maps.map_statements import map_statements
 from posture_opt.selection.problem_data import ProblemData, with_fallbacks
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.program.task_target import TaskTarget
-from posture_opt.selection.search.confirmation import UNCONFIRMED_JSON, Confirmation
-from posture_opt.selection.search.engine import Engine
+from posture_opt.selection.search.engine import UNCONFIRMED_JSON, Confirmation, Engine
 from posture_opt.statements import Statement, state
 from posture_opt.workers import Executor, Workers, opened
 

@@ -13,8 +13,7 @@ from posture_opt.model.compiled import BatchFunction
 from posture_opt.numerics import Array, Mask
 from posture_opt.selection.paths.task_path import stacked
 from posture_opt.selection.program.task_target import TaskTarget
-from posture_opt.selection.search.confirmation import Confirmation
-from posture_opt.selection.search.engine import Engine
+from posture_opt.selection.search.engine import Confirmation, Engine
 from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE
 from posture_opt.selection.search.search_outcome import is_clear
 

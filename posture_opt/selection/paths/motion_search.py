@@ -20,8 +20,7 @@ from posture_opt.selection.paths.step_bounds import speed_bounds, step_bounds
 from posture_opt.selection.paths.step_graph import StepGraph
 from posture_opt.selection.paths.task_path import TaskPath
 from posture_opt.selection.paths.time_law import TimeLaw
-from posture_opt.selection.search.confirmation import Confirmation
-from posture_opt.selection.search.engine import Engine
+from posture_opt.selection.search.engine import Confirmation, Engine
 from posture_opt.selection.search.multistart import as_good
 from posture_opt.selection.stations.stations_problem import BARRIER, StationsOutcome, StationsPoint
 

@@ -1,26 +1,28 @@
-"""``ElasticProblem``: by how little a requirement must give for all the others to be met.
+"""``ElasticProblem``: by how little a requirement must give for all the others to be met; ``GivingScene``: the cell's.
 
-Every requirement – target, tool axis, joint limits, held joints, each term, each obstacle – can give by a slack, and
-the sum of the slacks is minimised, each in its own scale (the elastic mode of Gill, Murray and Saunders 2005, SNOPT,
-section 1.3). One nonlinear program serves every choice of what may give: slacks that may not are held at zero by their
-bounds.
+Every requirement – target, tool axis, joint limits, held joints, terms, obstacles – can give by a slack, and the scaled
+sum of slacks is minimised (elastic mode of Gill, Murray and Saunders 2005, SNOPT, section 1.3); slacks that may not
+are held at zero by their bounds. Inside of a solid the distance has no slope that leads out, so the solid gives: every
+face recedes by a slack, or all of it moves by one.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
 
 import casadi as ca
 import numpy as np
 
+from posture_opt.collision.obstacles import Obstacle
+from posture_opt.collision.scene import SELF_CLEARANCE_ROW, Scene, row_name
 from posture_opt.model.compiled import BatchFunction
-from posture_opt.numerics import Array
+from posture_opt.numerics import Array, Mask
 from posture_opt.selection.program.nlp import Nlp, NonlinearSolver, Row
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
-from posture_opt.selection.search.giving_scene import CLEARANCE, GivingScene
 from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE
 
 TARGET, AXIS, LIMITS, HELD = "target", "tool_axis", "limits", "fixed_joints"
@@ -331,3 +333,93 @@ def _margins(row: Row) -> list[ca.SX]:
     """What a row has to spare on each side that is bounded [unit]; negative where it is violated."""
     sides = ((1, row.lower), (-1, row.upper))
     return [side * (row.expression - end) for side, end in sides if not end.is_constant() or np.isfinite(float(end))]
+
+
+CLEARANCE = "clearance of the cell"
+"""The requirement that everything keeps the clearance of the cell."""
+LEAST_THICKNESS_M = 1e-3
+"""What is left of an obstacle that is made smaller [m], half of its least thickness; where it must give more, it has to
+go."""
+_SHIFTS_TRIED_M = np.geomspace(2e-3, 4.0, 50)
+
+
+def place_of(obstacle: str) -> str:
+    return f"place of {obstacle}"
+
+
+@dataclass(frozen=True)
+class GivingScene:
+    """The rows of a problem's cell, with the slacks of its k obstacles as symbols [m]."""
+
+    problem: OptimisationProblem
+    less: ca.SX  # (k,) how far the faces recede
+    shifts: ca.SX  # (3, k) how far each moves, world
+    clearance: ca.SX  # taken off the clearance of the cell
+
+    @classmethod
+    def of(cls, problem: OptimisationProblem) -> GivingScene:
+        """The slacks of a problem's cell; none where it has no scene."""
+        k = 0 if problem.scene is None else len(problem.scene.obstacles)
+        return cls(problem, ca.SX.sym("less", k), ca.SX.sym("shift", 3, k), ca.SX.sym("clearance"))
+
+    @property
+    def scene(self) -> Scene:
+        assert self.problem.scene is not None
+        return self.problem.scene
+
+    @cached_property
+    def rows(self) -> dict[str, ca.SX]:
+        """Name of each row -> what it has to spare [m], with the slacks in it."""
+        if self.problem.scene is None:
+            return {}
+        obstacles = self.scene.obstacles
+        if not obstacles:  # of the arm to itself: the rows are there already
+            given = [row for row in self.problem.nlp.rows if row.requirement == SELF_CLEARANCE_ROW]
+            return {row.name: row.expression - row.lower + self.clearance for row in given}
+        most = [self._most(obstacle) for obstacle in obstacles]
+        beyond = {row_name(o.name): ca.fmax(self.less[k] - most[k], 0) for k, o in enumerate(obstacles)}
+        giving = [
+            obstacle.smaller(ca.fmin(self.less[k], most[k])).moved(ca.vertsplit(self.shifts[:, k]))
+            for k, obstacle in enumerate(obstacles)
+        ]
+        return {
+            row.name: row.expression - row.lower + self.clearance + beyond.get(row.name, 0)
+            for row in self.problem.clearance_rows(giving)
+        }
+
+    @cached_property
+    def obstacles(self) -> dict[str, int]:
+        """Name of the row -> number of its obstacle, of all that have a row."""
+        if self.problem.scene is None:
+            return {}
+        numbers = {row_name(obstacle.name): k for k, obstacle in enumerate(self.scene.obstacles)}
+        return {name: numbers[name] for name in self.rows if name in numbers}
+
+    @cached_property
+    def movable(self) -> dict[str, int]:
+        """`place_of` -> number of the obstacle, of those that a move takes elsewhere: a wall does not end."""
+        found = {k: self.scene.obstacles[k] for k in self.obstacles.values()}
+        return {place_of(o.name): k for k, o in found.items() if np.isfinite(o.half_thickness)}
+
+    def start_shift(self, k: int, q: Array) -> Array:
+        """(3,) a short move [m] that takes obstacle k out of the way of the posture q (n,); zeros where none does."""
+        scene, obstacle, chosen = self.scene, self.scene.obstacles[k], list(self.scene.against[k])
+        start, end = (ends[0, chosen] for ends in scene.placed.segments(q[None]))
+        ways = np.array([way for way in product((-1.0, 0.0, 1.0), repeat=3) if way != (0.0, 0.0, 0.0)])
+        shifts = (ways / np.linalg.norm(ways, axis=1, keepdims=True))[:, None] * _SHIFTS_TRIED_M[:, None]
+        back = shifts[:, :, None]
+        away = obstacle.distance(start - back, end - back) - scene.placed.radii[chosen]
+        clear: Mask = np.all(away >= scene.margin, axis=2)
+        first = np.where(clear.any(axis=1), clear.argmax(axis=1), len(_SHIFTS_TRIED_M))
+        way = int(np.argmin(first))
+        return np.asarray(shifts[way, first[way]]) if first[way] < len(_SHIFTS_TRIED_M) else np.zeros(3)
+
+    def _most(self, obstacle: Obstacle) -> float:
+        """By how much an obstacle can be made smaller [m]; of one without end any length."""
+        return min(max(obstacle.half_thickness - LEAST_THICKNESS_M, 0.0), 1e3)
+
+
+def gives_enough(obstacles: Sequence[Obstacle], name: str, by: float) -> Obstacle | None:
+    """The obstacle of that name made smaller by so much [m]; None where too little of it would be left."""
+    obstacle = next(o for o in obstacles if o.name == name)
+    return obstacle.smaller(by) if by <= obstacle.half_thickness - LEAST_THICKNESS_M else None

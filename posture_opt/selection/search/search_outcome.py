@@ -18,8 +18,7 @@ from posture_opt.collision.contact_slack import ContactSlack
 from posture_opt.collision.scene import Scene
 from posture_opt.numerics import Array, Json, Mask
 from posture_opt.selection.program.task_target import TaskTarget
-from posture_opt.selection.search.confirmation import UNCONFIRMED_JSON, Confirmation
-from posture_opt.selection.search.engine import CandidatePosture, Engine
+from posture_opt.selection.search.engine import UNCONFIRMED_JSON, CandidatePosture, Confirmation, Engine
 from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE, TOLERANCE, PoseRequest
 from posture_opt.selection.search.multistart import MultistartResult, Sampled, as_good, rank
 from posture_opt.selection.solvers import Outcome
