@@ -153,8 +153,7 @@ def with_fallbacks(problem: Problem, solve: Callable[[Problem], Answer]) -> Answ
     return solve(problem)
 
 
-NEGLIGIBLE = {"m": 1e-11, "rad": 1e-13}
-"""Below, a deviation is rounding: [m], and [rad] at any reach of an arm."""
+NEGLIGIBLE = {"m": 1e-11, "rad": 1e-13}  # below, a deviation is rounding: [m], and [rad] at any reach of an arm
 
 
 @dataclass(frozen=True, eq=False)

@@ -52,8 +52,8 @@ class Attempt(NamedTuple):
     digits: int = 0
 
 
+# In this order; the last ones are for what has one value that does, or must lie in a plane: rounding leaves both.
 ATTEMPTS = (Attempt(0.0), Attempt(0.003), Attempt(0.02), Attempt(0.0, 4), Attempt(0.003, 3))
-"""In this order; the last ones are for what has one value that does, or must lie in a plane: rounding leaves both."""
 PLANE_DECIMALS = 1, 4, 7  # of a move in mm onto the plane of an arm
 
 

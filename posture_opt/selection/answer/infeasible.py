@@ -30,14 +30,12 @@ from posture_opt.statements import Statement
 
 _POOL_POSTURES = 200  # random postures that are led towards the target: so many that of a reachable one some arrive
 _STARTS_NEAR_KNOWN = 3  # beside postures that are near already
-SEARCH = "search"
-"""Name of the reason where nothing is known but that the search found nothing."""
+SEARCH = "search"  # name of the reason where nothing is known but that the search found nothing
 MAX_OFFERED = 4  # changes that are offered: each is solved first
 
+# Whether the problem with some changes has a solution; near the posture (n,) that they were read from, it should.
 Does = Callable[[Sequence[Change], Array], bool]
-"""Whether the problem with some changes has a solution; near the posture (n,) that they were read from, it should."""
-Way = tuple[tuple[str, ...], Compromise]
-"""Requirements that suffice when they give, and how."""
+Way = tuple[tuple[str, ...], Compromise]  # requirements that suffice when they give, and how
 
 
 @dataclass(frozen=True)

@@ -91,8 +91,7 @@ class _Axes:
         return _dot(np.cross(self.z[i], self.z[k]), self.z[j])
 
 
-Names = tuple[list[str], ...]
-"""Of each posture a name for each sign."""
+Names = tuple[list[str], ...]  # of each posture a name for each sign
 
 
 def _dot(u: Array, v: Array) -> Array:

@@ -28,8 +28,7 @@ if TYPE_CHECKING:
     from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 
 ACROSS_PATH = "across the path"
-NO_GAIN = 5e-4
-"""A relative difference of standard deviations that no report shows."""
+NO_GAIN = 5e-4  # a relative difference of standard deviations that no report shows
 _PLANAR_JOINTS = 2  # of arms that are drawn on paper
 
 

@@ -180,8 +180,8 @@ _OPTIONS: dict[str, Any] = {
 }
 
 
+# MUMPS, which solves IPOPT's linear systems, keeps data in global variables: of all threads, one may solve.
 _ONE_AT_A_TIME = threading.RLock()
-"""MUMPS, which solves IPOPT's linear systems, keeps data in global variables: of all threads, one may solve."""
 
 if hasattr(os, "register_at_fork"):  # what another thread held goes on being held in a child, where nobody lets go
     os.register_at_fork(after_in_child=_ONE_AT_A_TIME._at_fork_reinit)  # type: ignore[attr-defined]

@@ -27,8 +27,7 @@ _DEPENDENT = 1e-7  # rad or m/rad: singular values below it are rounding, of qua
 _SAMPLES = 12  # random postures: more than the columns that can be independent, so that none is missed
 
 
-PLANE_TOLERANCE = 1e-6
-"""Distance [m] from its plane at which a target counts as outside of it."""
+PLANE_TOLERANCE = 1e-6  # distance [m] from its plane at which a target counts as outside of it
 
 
 @dataclass(frozen=True)
@@ -135,8 +134,7 @@ def _aligned(basis: Array, lean: float) -> Array:
 
 SIZES = dict.fromkeys(("lower", "upper", "direction", "b1", "b2"), 3)
 SIZES |= dict.fromkeys(("clearance", "sin_tilt", "scale"), 1) | dict.fromkeys(("axis", "a1", "a2", "spin", "lever"), 3)
-FREE = 1e6
-"""A bound on the tool point that no arm reaches: the target is free."""
+FREE = 1e6  # a bound on the tool point that no arm reaches: the target is free
 
 
 @dataclass(frozen=True)

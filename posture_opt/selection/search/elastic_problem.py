@@ -30,8 +30,7 @@ HELD_SLACK = 1e-10  # of what may not give: as a free variable it keeps IPOPT fr
 NORM_ROUNDING = 1e-7  # m or rad, squared: where the norm of a slack near zero is rounded off
 LIMIT_COST_FACTOR = 3.0  # times the cost: limits of joints are built in
 WIDENED_LIMIT = 4 * np.pi  # rad or m: of a joint without its limits
-_HEIGHT = f"{TARGET}.z"
-"""The row that holds the tool point at the height of the target."""
+_HEIGHT = f"{TARGET}.z"  # the row that holds the tool point at the height of the target
 
 
 @dataclass(frozen=True)
@@ -335,11 +334,10 @@ def _margins(row: Row) -> list[ca.SX]:
     return [side * (row.expression - end) for side, end in sides if not end.is_constant() or np.isfinite(float(end))]
 
 
-CLEARANCE = "clearance of the cell"
-"""The requirement that everything keeps the clearance of the cell."""
+CLEARANCE = "clearance of the cell"  # the requirement that everything keeps the clearance of the cell
+# What is left of an obstacle that is made smaller [m], half of its least thickness; where it must give more, it has
+# to go.
 LEAST_THICKNESS_M = 1e-3
-"""What is left of an obstacle that is made smaller [m], half of its least thickness; where it must give more, it has to
-go."""
 _SHIFTS_TRIED_M = np.geomspace(2e-3, 4.0, 50)
 
 

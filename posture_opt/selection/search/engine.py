@@ -49,8 +49,7 @@ class CandidatePosture:
         return self.violation <= ROW_TOLERANCE
 
 
-STEPS = 60
-"""Of a local search that is followed to its end."""
+STEPS = 60  # of a local search that is followed to its end
 
 
 @dataclass(frozen=True)
@@ -326,8 +325,8 @@ class Confirmation:
         return {"name": self.name, "iterations": self.iterations, "kkt": kkt, "agrees": agrees}
 
 
+# The same of an answer that the search alone gave.
 UNCONFIRMED_JSON: dict[str, Json] = {"name": "search", "iterations": 0, "kkt": None, "agrees": None}
-"""The same of an answer that the search alone gave."""
 
 
 def joined_confirmation(every: Sequence[Confirmation | None]) -> Confirmation | None:
@@ -341,8 +340,7 @@ def joined_confirmation(every: Sequence[Confirmation | None]) -> Confirmation | 
     )
 
 
-NEAR_ROW_M = 0.02
-"""Distance from its end [m] up to which a row that keeps the arm clear takes part from the beginning."""
+NEAR_ROW_M = 0.02  # distance from its end [m] up to which a row that keeps the arm clear takes part from the beginning
 
 _Rows: TypeAlias = tuple[int, ...]
 

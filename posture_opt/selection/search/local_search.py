@@ -41,8 +41,8 @@ from posture_opt.selection.search.quadratic_model import (
 
 MET = 1e-9  # m, rad or 1: violation of a row at an optimum, as IPOPT is asked for
 
+# What the loop receives of contacts where there are none.
 _NOTHING_APART: tuple[int | float | Array, ...] = (0, 0, *[np.zeros(1)] * 5, 0.0)
-"""What the loop receives of contacts where there are none."""
 
 
 @dataclass(frozen=True)

@@ -20,8 +20,7 @@ from posture_opt.selection.program.task_target import Reach, TaskTarget
 from posture_opt.selection.search.elastic_problem import AXIS, HELD, LIMITS, TARGET, Compromise, ElasticProblem
 from posture_opt.units import JointQuantity
 
-YAW = "yaw"
-"""The requirement to hold the spin of the tool."""
+YAW = "yaw"  # the requirement to hold the spin of the tool
 VISIBLE_EXCESS = 1e-6  # rad or m beyond a limit that is worth a word
 
 
@@ -226,8 +225,8 @@ def stated_apart(stated: float, other: float, unit: str) -> str:
     return shown_apart(stated, other, unit)[0]
 
 
+# SI unit -> factor to the unit of files, and its name; a Jacobian's are lengths there, others are as they are.
 _FILE_UNITS = {"m": (1e3, "mm"), "rad": (math.degrees(1.0), "deg"), "m/rad": (1e3, "mm")}
-"""SI unit -> factor to the unit of files, and its name; a Jacobian's are lengths there, others are as they are."""
 
 
 @dataclass(frozen=True)

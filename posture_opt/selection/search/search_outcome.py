@@ -23,10 +23,8 @@ from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE, TOLER
 from posture_opt.selection.search.multistart import MultistartResult, Sampled, as_good, rank
 from posture_opt.selection.solvers import Outcome
 
-Seek = Callable[[Engine], "tuple[MultistartResult, Sweep | None]"]
-"""A search with the functions of one engine."""
-Keeper = Scene | ContactSlack
-"""What says by how much postures keep the distances that are asked for."""
+Seek = Callable[[Engine], "tuple[MultistartResult, Sweep | None]"]  # a search with the functions of one engine
+Keeper = Scene | ContactSlack  # what says by how much postures keep the distances that are asked for
 DISTANCE_ROUNDING = 1e-9  # m: rounding of a distance
 
 

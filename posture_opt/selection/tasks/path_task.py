@@ -24,8 +24,7 @@ def _speed(value: object) -> object:
     return value if value == HIGHEST else parse_quantity(value, "velocity")
 
 
-HIGHEST = "highest"
-"""The speed that the joints allow."""
+HIGHEST = "highest"  # the speed that the joints allow
 Speed = Annotated[
     float | Literal["highest"],
     BeforeValidator(_speed),

@@ -18,13 +18,12 @@ from posture_opt.limits import MOST_FEATURES
 from posture_opt.spec import Spec
 from posture_opt.units import DIMENSIONS, Length, parse_quantity
 
+# The largest spread of the features, their mean, or the probability that all of them succeed.
 Combine = Literal["worst", "mean", "success"]
-"""The largest spread of the features, their mean, or the probability that all of them succeed."""
 
 Point = tuple[float, float, float]
 
-WORKPIECE = "workpiece"
-"""Name of the part in reports and pictures."""
+WORKPIECE = "workpiece"  # name of the part in reports and pictures
 
 
 def _span(dimension: str) -> Any:

@@ -138,17 +138,13 @@ class Term(Spec):
     are ``low ≤ quantity ≤ high`` for each entry of the (k,) quantity, the cost is ``Σ (quantity/scale)²``.
     """
 
-    summary: ClassVar[str]
-    """One line for ``optimize-posture list``."""
-    unit: ClassVar[str]
-    """SI unit of the quantity."""
-    size: ClassVar[float] = 1.0
-    """Typical one [unit]."""
-    keeps_clear: ClassVar[bool] = False
-    """Whether it keeps the arm away from obstacles."""
+    summary: ClassVar[str]  # one line for ``optimize-posture list``
+    unit: ClassVar[str]  # SI unit of the quantity
+    size: ClassVar[float] = 1.0  # typical one [unit]
+    keeps_clear: ClassVar[bool] = False  # whether it keeps the arm away from obstacles
 
+    # Whether reports state the spread of the orientation where it is asked for.
     uses_orientation: ClassVar[bool] = False
-    """Whether reports state the spread of the orientation where it is asked for."""
 
     kind: str
     weight: float = Field(default=1.0, ge=0, description="in `minimize`: its factor beside the spread")
