@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import get_args
 
 import numpy as np
@@ -105,8 +105,7 @@ class PostureSelector:
         self.reach: Reach = Reach.of(arm, self.task.tool_axis)
         self.target: TaskTarget = TaskTarget.of(self.task, self.reach)
         self._aligner = Aligner(arm, self.task, self.reach, compiled, problem.arm)
-        self._engines: dict[tuple[str, Alignment, bool, bool], Engine] = {}
-        self._exact_engines: dict[tuple[str, Alignment, bool], Engine] = {}
+        self._engines: dict[tuple[str, Alignment, bool, bool, bool], Engine] = {}
         self.engine(self.target).optimisation_problem.check_axis(self.target)
 
     def engine(self, target: TaskTarget, guarded: bool | None = None) -> Engine:
@@ -117,17 +116,21 @@ class PostureSelector:
         """
         return self.engine_of_all([target], guarded)
 
-    def engine_of_all(self, targets: Sequence[TaskTarget], guarded: bool | None = None) -> Engine:
-        """The functions that solve every one of some targets of a kind: what one of them cannot have, none has."""
+    def engine_of_all(self, targets: Sequence[TaskTarget], guarded: bool | None = None, exact: bool = False) -> Engine:
+        """The functions that solve every one of some targets of a kind: what one of them cannot have, none has.
+
+        Args:
+            exact: whether exact distances in C take the place of rows.
+        """
         scene = self._problem.scene
         guarded = scene.explicit if guarded is None else guarded and scene.active
         in_plane = all(lies_in_plane(target.direction, self.reach.normal) for target in targets)
         alignments = [self._aligner.at(target) for target in targets]
         kind = targets[0].kind, max(alignments, key=get_args(Alignment).index), in_plane
-        key = *kind, guarded
+        key = *kind, guarded, exact
         if key not in self._engines:
             problem = OptimisationProblem(self.tool_point, self.task, self.reach, *kind, scene if guarded else None)
-            self._engines[key] = Engine(problem, self._problem.solver, self._compiled)
+            self._engines[key] = Engine(problem, self._problem.solver, self._compiled, exact)
         return self._engines[key]
 
     @interruptible()
@@ -193,11 +196,13 @@ class PostureSelector:
 
     def feasible(self, starts: int) -> bool:
         """Whether so many starts find a posture that does the task; why there is none is not asked."""
-        seed, target = self._problem.solver.seed, self.target
-        found = self._searched(
-            lambda engine: (until_found_often(engine, target, np.random.default_rng(seed), starts), None), target
-        )
-        return bool(found.feasible)
+
+        def seek(engine: Engine) -> tuple[MultistartResult, None]:
+            return until_found_often(
+                engine, self.target, np.random.default_rng(self._problem.solver.seed), starts
+            ), None
+
+        return bool(self._searched(seek, self.target).feasible)
 
     @interruptible()
     def solve_thoroughly(
@@ -255,17 +260,16 @@ class PostureSelector:
 
     def _searched(self, seek: Seek, target: TaskTarget, exact: bool = False) -> SearchOutcome:
         free, scene = self.engine(target, guarded=False), self._problem.scene
-        if not (exact and self._has_exact(free)):
-            return searched(seek, free, lambda: self.engine(target, guarded=True), scene)
-        return searched(seek, free, lambda: self._exact_engine(target), self._slack)
+        exact = exact and self._has_exact(free)
+        guarded = partial(self.engine_of_all, [target], True, exact)
+        return searched(seek, free, guarded, self._slack if exact else scene)
 
     def clear_engine(self, target: TaskTarget) -> Engine:
         """The functions that keep the arm clear at least cost: by exact distances in C, or by rows without a compiler.
 
         Both are clear of the same things by the same margin.
         """
-        exact = self._has_exact(self.engine(target, guarded=False))
-        return self._exact_engine(target) if exact else self.engine(target, guarded=True)
+        return self.engine_of_all([target], True, self._has_exact(self.engine(target, guarded=False)))
 
     def _has_exact(self, free: Engine) -> bool:
         return self._problem.scene.active and free.compiled is not False and bool(find_compiler())
@@ -273,15 +277,6 @@ class PostureSelector:
     @cached_property
     def _slack(self) -> ContactSlack:
         return ContactSlack(self._problem.scene.contacts, self._compiled)
-
-    def _exact_engine(self, target: TaskTarget) -> Engine:
-        free = self.engine(target, guarded=False)
-        problem = free.optimisation_problem
-        key = problem.kind, problem.alignment, problem.in_plane
-        if key not in self._exact_engines:
-            kept = replace(problem, scene=self._problem.scene)
-            self._exact_engines[key] = Engine(kept, self._problem.solver, self._compiled, exact=True)
-        return self._exact_engines[key]
 
     def _target(
         self, position: Sequence[float] | None, direction: Sequence[float] | None, clearance: float | None
