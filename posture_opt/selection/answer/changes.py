@@ -46,7 +46,7 @@ from posture_opt.selection.tasks import Task
 
 
 class Attempt(NamedTuple):
-    """How a change is written: what is given beyond the least, as a share of it, and more digits than usual."""
+    """Share given beyond the least, and digits more than usual, of a written change."""
 
     more: float
     digits: int = 0
@@ -69,7 +69,7 @@ class Changes:
     attempt: Attempt
 
     def of(self, names: Sequence[str]) -> tuple[Change, ...]:
-        """What to change of the requirements ``names``; none where one of them has no key that would do."""
+        """Changes for the requirements ``names``; empty if one has no key for it."""
         found: list[Change] = []
         for name in names:
             changes = self._of_one(name)

@@ -146,7 +146,7 @@ class Infeasibility:
         return Explanation(nearest.q, reasons, tuple(offered))
 
     def reasons(self, names: Sequence[str], way: Compromise) -> tuple[Reason, ...]:
-        """What is missed until the requirements ``names`` give."""
+        """Requirements missed until ``names`` give."""
         rows = [name for name in names if name in (TARGET, AXIS, LIMITS, *self.elastic.further)]
         if not rows:  # the clearance of the cell gives: what is nearer than that
             lacking = self.elastic.lacking(way.q[None], self.target.parameters)[0]
@@ -155,7 +155,7 @@ class Infeasibility:
         return Reasons(self.problem, self.elastic, self.target, way).of(rows)
 
     def relaxation(self, names: Sequence[str], way: Compromise, ways: Sequence[Way], does: Does) -> Relaxation | None:
-        """The change that a way shows, with the first digits that do; None where none does."""
+        """The change that a way shows, with the first digits that solve the problem, or None."""
         assert self.asked is not None
         assert self.asked.task is not None
         task = self.asked.task
@@ -309,7 +309,7 @@ class Infeasibility:
 
 
 def specific(names: Sequence[str]) -> int:
-    """How much of a choice the engineer has who stated these requirements: the target is what it is all about."""
+    """Rank of the engineer's choice in requirements: terms and obstacles, limits, tool axis, then the target."""
     order = (TARGET, AXIS, LIMITS)
     return min(order.index(name) if name in order else len(order) for name in names)
 
@@ -317,7 +317,7 @@ def specific(names: Sequence[str]) -> int:
 def first_that_does(
     written: Iterable[tuple[Change, ...]], does: Callable[[Sequence[Change]], bool]
 ) -> tuple[Change, ...] | None:
-    """The first of some changes with which the problem is solved; None where none does, or nothing would change."""
+    """The first changes that solve the problem, or None."""
     tried: list[tuple[Change, ...]] = []
     for changes in written:
         if not changes:
@@ -391,7 +391,7 @@ def explain_stations(inquiry: Infeasibility, targets: Sequence[TaskTarget], name
 def _shared(
     inquiry: Infeasibility, own: tuple[tuple[str, ...], Compromise], targets: Sequence[TaskTarget], start: int
 ) -> _SharedWay | None:
-    """The least that these requirements must give at every station, from ``start`` outwards; None where one fails."""
+    """The least that these requirements must give at every station, from ``start`` outwards, or None."""
     names, first = own
     found: dict[int, Compromise] = {}
     for order in (range(start, len(targets)), range(start - 1, -1, -1)):

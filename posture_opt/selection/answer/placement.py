@@ -31,7 +31,7 @@ class PlacementRange:
 
     @classmethod
     def of(cls, workpiece: Workpiece | None) -> PlacementRange:
-        """What a task says of its workpiece; its frame is the world's where it says nothing."""
+        """The range of a task's workpiece; its frame is the world's by default."""
         stated = workpiece or Workpiece()
         return cls(np.array(stated.lower), np.array(stated.upper))
 
@@ -52,7 +52,7 @@ class PlacementRange:
 
     @property
     def without_seam(self) -> PlacementRange:
-        """The same box for a local search: half a turn more to either side where the yaw goes all round."""
+        """The box for a local search: half a turn more on either side of a full yaw."""
         if not self.all_round:
             return self
         more = np.array([0.0, 0.0, 0.0, TURN / 2])
@@ -144,7 +144,7 @@ class Placement(PlacementRange):
         return {} if self.statistics is None else vars(self.statistics)
 
     def bench(self, postures: Array) -> Any:
-        """A map of the spread over the placement, from the postures (K, n) of an answer; None where none is made."""
+        """A map of the spread over the placement, from postures (K, n), or None."""
         return None
 
     def to_json(self) -> dict[str, Any]:
@@ -184,7 +184,7 @@ def combined_success(success: ca.MX, extra: ca.MX) -> ca.MX:
 
 
 def combined_numbers(combine: Combine, main: Array, extra: Array) -> Array:
-    """(M,) the same of numbers (M, K), where the first terms are infinite if a station cannot be done."""
+    """(M,) objectives of numbers (M, K); first terms are infinite at a station without a posture."""
     with np.errstate(divide="ignore", invalid="ignore"):
         if combine == "worst":
             return np.asarray((main + extra).max(axis=1))
@@ -196,7 +196,7 @@ def combined_numbers(combine: Combine, main: Array, extra: Array) -> Array:
 
 
 def combined_sigma(combine: Combine, sigma: Array) -> Array:
-    """(...) the standard deviation [m] that an answer is stated by, of those of its stations (..., K)."""
+    """(...) stated standard deviation [m] of stations (..., K)."""
     return np.asarray(sigma.mean(axis=-1) if combine == "mean" else sigma.max(axis=-1))
 
 
@@ -239,7 +239,7 @@ def best_order(robot: Robot, Q: Array) -> VisitingOrder:
 
 
 def nearest_turns(robot: Robot, Q: Array, order: Sequence[int]) -> Array:
-    """The same postures (K, n), joints turned by whole turns within their limits to be near the one visited before."""
+    """Postures (K, n) turned by whole turns within their limits, near the one visited before."""
     near = np.array(Q)
     turning = _turning(robot)
     for before, k in itertools.pairwise(order):

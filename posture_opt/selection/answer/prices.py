@@ -149,7 +149,7 @@ def _rows(problem: OptimisationProblem, target: TaskTarget, said: Confirmation) 
 
 
 def _row(row: Row, end: HeldEnd, bound: float, target: TaskTarget) -> Held | None:
-    """The requirement of one row in the units that users state it in; None where it is nobody's."""
+    """The requirement of a row, in its users' units, or None."""
     if row.requirement == TARGET:
         return Held(f"region.{row.name.partition('.')[2]}", row.unit, _SIDES[end.upper], _STEPS["m"], (end,))
     if row.requirement == AXIS:
@@ -166,7 +166,7 @@ def _row(row: Row, end: HeldEnd, bound: float, target: TaskTarget) -> Held | Non
 
 
 def _step(row: Row, bound: float) -> float:
-    """What people would loosen a bound by: a degree, a millimetre, or a tenth of it, rounded down to a power of ten."""
+    """Usual loosening of a bound: a degree, a millimetre, or a tenth of it, rounded down to a power of ten."""
     size = 1 - bound if row.unit == "probability" else abs(bound)
     usual = _STEPS.get(row.unit, math.inf)
     if row.unit in _STEPS and (size >= usual or not size):
@@ -241,7 +241,7 @@ class _WorkpieceErrors:
 
     @property
     def moved(self) -> Array:
-        """(3, 3) what they add to the covariance of the tool relative to the target [m²]."""
+        """(3, 3) covariance added between tool and target [m²]."""
         return np.asarray(self.columns @ self.covariance @ self.columns.T)
 
 
@@ -251,7 +251,7 @@ def _joined(A: Array, B: Array) -> Array:
 
 @dataclass(frozen=True)
 class _Levers:
-    """Axes (k, 3) and origins (k, 3) of the fixed sources, and which of them rotate."""
+    """Axes (k, 3), origins (k, 3) and turning ones of the fixed sources."""
 
     axes: Array
     origins: Array

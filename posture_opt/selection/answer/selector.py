@@ -252,7 +252,7 @@ class PostureSelector:
 
     @cached_property
     def _wider(self) -> PostureSelector | None:
-        """The selection of the problem's fallback; None where there is none, or where the mounting plane is kept."""
+        """The selection of the problem's fallback, or None; a kept mounting plane has none."""
         problem, kept = self._problem.fallback, self._keeps_mounting
         if problem is None or (kept and not self._problem.narrowed):
             return None
@@ -281,7 +281,7 @@ class PostureSelector:
     def _target(
         self, position: Sequence[float] | None, direction: Sequence[float] | None, clearance: float | None
     ) -> TaskTarget:
-        """The target of the task with another position [m], direction or clearance [m]; refuses what is not finite."""
+        """The task's target at another position [m], direction or clearance [m], all finite."""
         target = self.target
         if position is not None:
             target = target.with_position(np.asarray(position, dtype=float))
@@ -424,7 +424,7 @@ def task_of(problem: ProblemData) -> Task:
 
 
 def one_target(task: Task) -> Task:
-    """The same task, or an InputError where it has several targets."""
+    """The task, or an InputError for several targets."""
     if task.features or task.on_path:
         what, key = ("features", ("task", "features")) if task.features else ("a path", ("task",))
         hint = "solve the task as it is, or name one target: position: [0.6 m, 0.2 m, 0.1 m]"

@@ -40,7 +40,7 @@ class FollowedPath(Protocol):
 
 
 def _part(part: str, name: str, text: str) -> Any:
-    """What only some answers have: an attribute of their part; None where an answer has no such part."""
+    """An attribute of a part that only some answers have; else None."""
     of = {"placement": " – of the placement of a workpiece, else None", "followed": " – of a path, else None"}
     return property(lambda found: getattr(getattr(found, part), name, None), doc=f"{text}{of.get(part, '')}.")
 

@@ -276,7 +276,7 @@ def free_frames(robot: Robot) -> tuple[Statement, ...]:
 
 
 def confirmed(said: Confirmation | None) -> tuple[Statement, ...]:
-    """Whether the solver ends at the answer too; nothing where it was not asked."""
+    """Whether the solver ends at the answer too; empty if it was not asked."""
     if said is None:
         return ()
     if not said.differs:

@@ -124,7 +124,7 @@ class Nlp:
 
     @cached_property
     def _row_bounds(self) -> BatchFunction:
-        """(p,) -> lower and upper bounds (m,) of the rows, interpreted: they are a few additions."""
+        """(p,) -> lower and upper bounds (m,) of the rows, interpreted: a few additions."""
         return BatchFunction(ca.Function("row_bounds", [self.p], self.row_ends), compiled=False)
 
     def ends(self, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -137,7 +137,7 @@ class Nlp:
         return BatchFunction(ca.Function("rows", [self.x, self.p], [ca.densify(self.g)]), compiled=False)
 
     def with_rows(self, chosen: Sequence[int]) -> Nlp:
-        """The same program with the rows of these numbers alone."""
+        """The program with these rows alone."""
         return replace(self, rows=tuple(self.rows[k] for k in chosen))
 
     @cached_property

@@ -62,7 +62,7 @@ class OptimisationProblem(DerivedAgain):
         return self.reach.axis_rank if self.alignment == "exact" else 2
 
     def fixed_along(self, target: TaskTarget) -> bool:
-        """Whether no joint turns the tool axis, and it lies along the direction (within the tilt) as it is."""
+        """Whether no joint turns the tool axis, and it lies along the direction within the tilt."""
         angle = math.acos(max(-1.0, min(1.0, float(self.reach.axis @ target.axis))))
         return self.reach.axis_rank == 0 and angle <= target.tilt + self.reach.axis_slack
 
@@ -118,7 +118,7 @@ class OptimisationProblem(DerivedAgain):
 
     @cached_property
     def _symbols(self) -> tuple[ca.SX, dict[str, ca.SX]]:
-        """The parameters of the target: (33,) all of them, and by their names."""
+        """Parameters (33,) of the target, and their parts by name."""
         return target_symbols()
 
     @cached_property
@@ -177,7 +177,7 @@ class OptimisationProblem(DerivedAgain):
 
     @cached_property
     def freedom(self) -> int:
-        """Degrees of freedom that target and tool axis leave, those that matter to nothing not counted."""
+        """Degrees of freedom left by target and tool axis, indifferent joints not counted."""
         equal = sum(row.equality for row in self.nlp.rows)
         held = [k for k, joint in enumerate(self.robot.joints) if joint.lower == joint.upper]
         return max(self.robot.n - len({*self.nlp.indifferent, *held}) - equal, 0)
@@ -309,5 +309,5 @@ def with_held_joints(arm: Arm, task: Task) -> Arm:
 
 
 def released(robot: Robot, task: Task) -> Task:
-    """The same task without the terms that hold joints: the inquiry into a failure asks what they are in the way of."""
+    """The task without terms that hold joints, which an inquiry into a failure lets give."""
     return task.model_copy(update={"subject_to": tuple(term for term in task.subject_to if not term.held(robot))})

@@ -109,7 +109,7 @@ class ElasticProblem:
         return min(found, key=lambda other: other.cost, default=None)
 
     def _compromise(self, start: Array, parameters: Array, given: Collection[str], level: bool) -> Compromise | None:
-        """Where IPOPT ends from one start; None where a requirement that may not give is not met there."""
+        """Where IPOPT ends from one start, or None if a requirement fails that may not give."""
         n = len(start)
         lower, upper = self._variable_bounds(given)
         if level:
@@ -131,13 +131,13 @@ class ElasticProblem:
         return self.compromise(q, lacking, self._by_name(slacks))
 
     def compromise(self, q: Array, lacking: Array, slacks: Mapping[str, Array]) -> Compromise:
-        """A posture (n,) with what it lacks (G,)."""
+        """A posture (n,) that lacks (G,)."""
         return Compromise(
             q, dict(zip(self.requirements, lacking.tolist(), strict=True)), float(self.cost(lacking)), slacks
         )
 
     def _by_name(self, slacks: Array) -> dict[str, Array]:
-        """Slacks (s,) in their scales as those of the requirements [unit]."""
+        """Slacks (s,) by requirement, from their scales to [unit]."""
         ends = np.cumsum([slack.size for slack in self._slacks])
         parts = np.split(slacks, ends[:-1])
         return {slack.name: slack.scale * part for slack, part in zip(self._slacks, parts, strict=True)}
@@ -300,7 +300,7 @@ class ElasticProblem:
 
     @cached_property
     def _lacking(self) -> BatchFunction:
-        """``(q, p, slacks) -> (G,)`` what each requirement lacks: of the cell its slack and what is missing with it."""
+        """``(q, p, slacks) -> (G,)`` lacking amounts; of the cell the slack and the remainder."""
         nlp, zero, slacks = self._problem.nlp, ca.SX(0), self._symbols
         off = [ca.fmax(ca.fmax(r.lower - r.expression, r.expression - r.upper), 0) for r in self._target_rows]
         angle = 2 * ca.asin(ca.fmin(ca.sqrt(ca.fmax(2 * (1 - self._facing), 0)) / 2, 1))
@@ -324,12 +324,12 @@ class ElasticProblem:
 
 
 def further_rows(nlp: Nlp) -> tuple[Row, ...]:
-    """The rows of terms and obstacles: all but those of target and tool axis."""
+    """Rows of terms and obstacles."""
     return tuple(row for row in nlp.rows if row.requirement not in (TARGET, AXIS))
 
 
 def _margins(row: Row) -> list[ca.SX]:
-    """What a row has to spare on each side that is bounded [unit]; negative where it is violated."""
+    """Margins of a row to its bounded sides [unit]; negative if violated."""
     sides = ((1, row.lower), (-1, row.upper))
     return [side * (row.expression - end) for side, end in sides if not end.is_constant() or np.isfinite(float(end))]
 
@@ -356,7 +356,7 @@ class GivingScene:
 
     @classmethod
     def of(cls, problem: OptimisationProblem) -> GivingScene:
-        """The slacks of a problem's cell; none where it has no scene."""
+        """The slacks of a problem's cell, if it has a scene."""
         k = 0 if problem.scene is None else len(problem.scene.obstacles)
         return cls(problem, ca.SX.sym("less", k), ca.SX.sym("shift", 3, k), ca.SX.sym("clearance"))
 
@@ -367,7 +367,7 @@ class GivingScene:
 
     @cached_property
     def rows(self) -> dict[str, ca.SX]:
-        """Name of each row -> what it has to spare [m], with the slacks in it."""
+        """Name of each row -> its margin [m], slacks included."""
         if self.problem.scene is None:
             return {}
         obstacles = self.scene.obstacles
@@ -395,7 +395,7 @@ class GivingScene:
 
     @cached_property
     def movable(self) -> dict[str, int]:
-        """`place_of` -> number of the obstacle, of those that a move takes elsewhere: a wall does not end."""
+        """`place_of` -> number of an obstacle that a move takes away; a wall has no end."""
         found = {k: self.scene.obstacles[k] for k in self.obstacles.values()}
         return {place_of(o.name): k for k, o in found.items() if np.isfinite(o.half_thickness)}
 
@@ -418,6 +418,6 @@ class GivingScene:
 
 
 def gives_enough(obstacles: Sequence[Obstacle], name: str, by: float) -> Obstacle | None:
-    """The obstacle of that name made smaller by so much [m]; None where too little of it would be left."""
+    """The named obstacle made smaller [m], or None if too little is left."""
     obstacle = next(o for o in obstacles if o.name == name)
     return obstacle.smaller(by) if by <= obstacle.half_thickness - LEAST_THICKNESS_M else None

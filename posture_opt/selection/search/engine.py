@@ -70,7 +70,7 @@ class Engine(DerivedAgain):
 
     @cached_property
     def contacts(self) -> Contacts | None:
-        """What the search keeps apart by exact distances; None where rows of the program do so, or nothing does."""
+        """Contacts kept by exact distances in the search, or None with rows in their place."""
         scene = self.optimisation_problem.scene
         wanted = self.exact and scene is not None and self.compiled is not False and find_compiler()
         return scene.contacts if scene is not None and wanted else None
@@ -111,7 +111,7 @@ class Engine(DerivedAgain):
 
     @cached_property
     def fallback_solver(self) -> Polish:
-        """The solver of the problem, for what the local search does not settle: seldom, so that it is not compiled."""
+        """The solver for starts that the local search does not settle: seldom, so not compiled."""
         return self.solver.build(self.optimisation_problem.nlp)
 
     @cached_property
@@ -137,7 +137,7 @@ class Engine(DerivedAgain):
         return self.local.descend(Q, target.parameters, self.held(target).rows, steps, state)
 
     def descended_each(self, Q: Array, targets: Sequence[TaskTarget], of: Codes, steps: int) -> LocalOptima:
-        """The same, the posture in row r (N, n) for ``targets[of[r]]``."""
+        """As `descended`, the posture in row r (N, n) for ``targets[of[r]]``."""
         parameters = np.array([target.parameters for target in targets])[of]
         held = np.vstack([self.held(target).rows for target in targets])[of]
         return self.local.descend(Q, parameters, held, steps)
@@ -189,7 +189,7 @@ class Engine(DerivedAgain):
         return ends
 
     def confirmed(self, candidate: CandidatePosture, target: TaskTarget) -> CandidatePosture:
-        """The same candidate, or where IPOPT goes on to from one that is no optimum."""
+        """The candidate, or where IPOPT goes on to from one without optimality."""
         better = candidate if candidate.optimal else self._fallback_solution(candidate, target)
         return candidate if better is candidate else self.tidied([better], target)[0]
 
@@ -210,9 +210,7 @@ class Engine(DerivedAgain):
         return clusters(Q, self.robot, size, self.indifferent)
 
     def tidied(self, candidates: Sequence[CandidatePosture], target: TaskTarget) -> list[CandidatePosture]:
-        """The same postures with joints that do not matter at zero, whole turns taken off and angles rounded where that
-        is free.
-        """
+        """Candidates with indifferent joints at zero, whole turns taken off, angles rounded where free."""
         if not candidates:
             return []
         tidy = self._tidy(np.array([candidate.q for candidate in candidates]), target)
@@ -316,11 +314,11 @@ class Confirmation:
 
     @property
     def refutes(self) -> bool:
-        """Whether the solver left what it was given for something visibly else that is not the answer."""
+        """Whether the solver left for something visibly different that is not the answer."""
         return not self.taken and self.agrees > 1e-3  # visible in three digits
 
     def to_json(self) -> dict[str, Json]:
-        """What the part ``solver`` of a document says of it."""
+        """In the part ``solver`` of a document."""
         kkt, agrees = finite_or_none(self.kkt), finite_or_none(self.agrees)
         return {"name": self.name, "iterations": self.iterations, "kkt": kkt, "agrees": agrees}
 
@@ -330,7 +328,7 @@ UNCONFIRMED_JSON: dict[str, Json] = {"name": "search", "iterations": 0, "kkt": N
 
 
 def joined_confirmation(every: Sequence[Confirmation | None]) -> Confirmation | None:
-    """What is said of several answers together: the largest residual and difference; None unless it is said of all."""
+    """Largest residual and difference over several answers, or None unless all have one."""
     known = [one for one in every if one is not None]
     if not known or len(known) < len(every):
         return None

@@ -95,7 +95,7 @@ class InverseKinematics:
         return BatchFunction(self.step, compiled=False)
 
     def random_postures(self, count: int, rng: np.random.Generator) -> Array:
-        """(count, n) postures drawn uniformly between the limits, in one turn of them where turns are alike."""
+        """(count, n) uniform postures between the limits, in one turn where turns are alike."""
         low, high = self._drawn
         return rng.uniform(low, high, (count, len(low)))
 
@@ -142,7 +142,7 @@ class InverseKinematics:
         error[after] = np.inf
 
     def reached(self, groups: Sequence[Array], requests: Sequence[PoseRequest]) -> list[Array]:
-        """Of each group of postures (M, n) those that reach its request, in one batch with the first one's weights."""
+        """Postures of each group (M, n) that reach its request, in one batch with the first one's weights."""
         rows = [np.broadcast_to(request.rows, (len(Q), WIDTH)) for request, Q in zip(requests, groups, strict=True)]
         position, axis, spin, _, slack, cone = np.split(np.vstack(rows), PARTS[1:-1], axis=1)
         batch = PoseRequest(position, axis, spin, requests[0].weights, slack, cone)
@@ -153,7 +153,7 @@ class InverseKinematics:
 
 
 def unlimited(arm: Arm) -> Arm:
-    """The same arm with joints that turn freely and slides that go far."""
+    """The arm with joints that turn freely and slides that go far."""
     joints = tuple(
         replace(j, lower=-2 * np.pi, upper=2 * np.pi)
         if j.type == "revolute"

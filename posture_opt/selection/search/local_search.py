@@ -160,7 +160,7 @@ class LocalSearch:
         return Curved(model, hessian(q, parameters, weights).reshape(len(q), q.shape[1], q.shape[1]))
 
     def _trial(self, q: Array, curved: Curved, radius: Array, request: Array) -> tuple[Array, Array, Array]:
-        """Where steps within a radius (N,) lead to (N, n), how long they are (N,) and the next multipliers."""
+        """Ends (N, n) of steps within a radius (N,), their lengths (N,) and the next multipliers."""
         lower, upper = self._nlp.variable_bounds
         step, following = curved.advanced(radius)
         trial, _ = self._batches[3](np.clip(q + step, lower, upper), request)
@@ -168,7 +168,7 @@ class LocalSearch:
 
 
 def _reported(curved: Curved, objective: Array, result: Array, rows: Codes, tolerance: float) -> Mask:
-    """Which points are optimal; what is known of all of them is written to the rows of ``result``."""
+    """Mask of optimal points; results of all are written to the rows of ``result``."""
     model = curved.model
     beyond = np.maximum(model.low - model.value, model.value - model.high)[:, : model.m]
     violation, stationarity = np.max(beyond, axis=1, initial=0.0), model.stationarity
@@ -178,7 +178,7 @@ def _reported(curved: Curved, objective: Array, result: Array, rows: Codes, tole
 
 
 def _no_worse(here: list[Array], there: Sequence[Array], y: Array, violation: Array) -> Mask:
-    """Which steps, to values ``there``, leave the merit with the next multipliers as it is or less."""
+    """Steps to values ``there`` after which the merit with the next multipliers has not grown."""
     m = here[1].shape[1]
     before, after = (merit(f[:, 0], g, low, high, y[:, :m]) for f, g, low, high in (here, there))
     return np.asarray(
@@ -216,5 +216,5 @@ class Derivatives(NamedTuple):
 
 
 def _dense(*outputs: ca.SX) -> list[ca.SX]:
-    """Expressions as the outputs of a function, with what is structurally zero."""
+    """Expressions as outputs of a function, structural zeros included."""
     return [ca.densify(ca.SX(output)) for output in outputs]

@@ -91,13 +91,13 @@ class MultistartResult:
         return singles / max(self.polished, 1) / (len(groups) + 1)
 
     def with_known(self, engine: Engine, q: Array) -> MultistartResult:
-        """The same search and the local optimum that a known posture (n,) [rad or m] leads to."""
+        """The search with the local optimum of a known posture (n,) [rad or m]."""
         own = engine.polished(engine.candidates(q[None], self.target)[0], self.target)
         alone = MultistartResult(self.target, (own,), Sampled.none(engine.robot), 0, 0, 1)
         return replace(self.joined(alone, engine), batches=self.batches, recurred=self.recurred)
 
     def joined(self, other: MultistartResult, engine: Engine) -> MultistartResult:
-        """Both searches as one; they have the same target and scale, and equal optima are merged with their counts."""
+        """Two searches at one target and scale as one; equal optima are merged with their counts."""
         sampled = self.sampled.joined(other.sampled)
         both = sorted((*self.found, *other.found), key=rank)
         chosen, count = engine.clusters(np.array([c.q for c in both]), np.array([c.count for c in both]))
@@ -164,7 +164,7 @@ def _multistart_once(
 
 
 def local_optima(engine: Engine, target: TaskTarget, Q: Array, *, every: bool = False) -> tuple[CandidatePosture, ...]:
-    """The distinct local optima that Q (N, n) leads to, best first; without ``every`` those that may be the best."""
+    """Distinct local optima from Q (N, n), best first; without ``every`` only possible best ones."""
     size = np.ones(len(Q), dtype=int)
     optima, size = _merged(engine, engine.descended(Q, target, SCREENING_STEPS[0]), size, every)
     for steps in (*SCREENING_STEPS[1:], STEPS):
@@ -203,7 +203,7 @@ def _promising(optima: LocalOptima) -> Codes:
 
 
 def screened(engine: Engine, target: TaskTarget, Q: Array) -> tuple[TaskTarget, Sampled]:
-    """The target with a scale, the postures' median variance where it has none, and those that meet every row."""
+    """The target, scaled by the postures' median variance by default, and the postures that meet every row."""
     _, violation, own, variance = (column[:, 0] for column in engine.screen(Q, target.parameters))
     if target.scale == 1.0:
         target = replace(target, scale=engine.scale_of(own))

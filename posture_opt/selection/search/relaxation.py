@@ -45,7 +45,7 @@ class Relaxation:
     changes: tuple[Change, ...] = ()  # of keys of the problem file
 
     def to_json(self) -> dict[str, Json]:
-        """Plain numbers, SI; ``set`` maps keys of the problem file to what they would be, null where they would go."""
+        """SI; ``set`` maps keys of the problem file to new values, null for entries to remove."""
         return {
             "change": self.change,
             "reasons": [vars(reason) for reason in self.reasons],
@@ -64,7 +64,7 @@ def plane_reason(reach: Reach, target: TaskTarget) -> Reason | None:
 
 @dataclass(frozen=True)
 class Reasons:
-    """The reasons that the compromise ``way`` shows: what is missed at its posture."""
+    """Requirements missed at the posture of the compromise ``way``."""
 
     problem: OptimisationProblem
     elastic: ElasticProblem
@@ -72,7 +72,7 @@ class Reasons:
     way: Compromise
 
     def of(self, names: Sequence[str]) -> tuple[Reason, ...]:
-        """What is missed of the requirements ``names``, as far as anything is."""
+        """Reasons of the requirements ``names``, if missed."""
         lacking = self.way.lacking
         return tuple(reason for name in names if lacking[name] > 0 for reason in self._of_one(name, lacking[name]))
 

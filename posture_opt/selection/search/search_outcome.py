@@ -53,7 +53,7 @@ class SearchOutcome:
         return sorted(self.by_starts + self.by_sweep, key=rank)
 
     def clear_of(self, scene: Keeper) -> SearchOutcome | None:
-        """The outcome without what collides; None where nothing that is clear is as good as the best of all."""
+        """The outcome without collisions, or None if nothing clear is as good as the best."""
         by_starts, by_sweep = (clear_ones(group, scene) for group in (self.by_starts, self.by_sweep))
         left = sorted(by_starts + by_sweep, key=rank)
         if not left or left[0].objective > as_good(self.feasible[0].objective):
@@ -78,7 +78,7 @@ def searched(seek: Seek, free: Engine, guarded: Callable[[], Engine], scene: Kee
 
 
 def clear_ones(candidates: tuple[CandidatePosture, ...], scene: Keeper) -> tuple[CandidatePosture, ...]:
-    """Those that keep the distance that is asked for, by exact distances."""
+    """Candidates at the required distance, by exact distances."""
     if not candidates:
         return ()
     clear = is_clear(scene, np.array([candidate.q for candidate in candidates]))
@@ -176,7 +176,7 @@ def _spun(engine: Engine, target: TaskTarget, rng: np.random.Generator) -> Array
 
 
 def _evaluate(engine: Engine, target: TaskTarget, Q: Array, over: str) -> Sweep | None:
-    """The best feasible posture of Q (N, n), and how many there are; None where there is none."""
+    """The best feasible posture of Q (N, n) and their number, or None."""
     if not len(Q):
         return None
     objective, violation = (column[:, 0] for column in engine.screen(Q, target.parameters)[:2])
@@ -224,7 +224,7 @@ def _rivals(best_first: Sequence[CandidatePosture]) -> Sequence[CandidatePosture
 def _ended(
     engine: Engine, start: CandidatePosture, target: TaskTarget, scene: Scene
 ) -> tuple[CandidatePosture | None, Confirmation]:
-    """Where the solver ends, None where that is no optimum; a worse end is tried once more with a larger barrier."""
+    """Where the solver ends, or None; a worse end is tried once more with a larger barrier."""
     parameters = target.parameters
     first = _said(engine, start, target, scene, engine.confirming.solve(start.q, parameters))
     if not first[1].differs or (first[0] is not None and first[0].objective < start.objective):

@@ -92,7 +92,7 @@ class Quantities:
         return (ca.blockcat([[self.ends[0][0], shared], [shared.T, turn.T @ pose[3:, 3:] @ turn]]),)
 
     def largest(self, measure: Callable[[ca.SX], ca.SX]) -> ca.SX:
-        """A measure [m²] of the covariances that count; of a peg that of the end that has more of it."""
+        """The largest measure [m²] of the covariances that count."""
         return criteria.largest([measure(C) for C in self.minded])
 
     @property
@@ -151,7 +151,7 @@ class Term(Spec):
 
     @property
     def part(self) -> Within | None:
-        """The part of the spread that it speaks of, None where it does not speak of the spread."""
+        """The part of the spread it is about, or None."""
         return None
 
     @property
