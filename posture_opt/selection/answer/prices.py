@@ -200,20 +200,20 @@ class LowerBound:
 
 def lower_bound(tool_point: ToolPoint, target: TaskTarget, basis: Array) -> LowerBound | None:
     """The bound for the spread in ``basis`` (3, m), seen from the target's lever; over a region the least one."""
-    fixed, beside = _fixed_sources(tool_point), _WorkpieceErrors.of(tool_point)
-    if not (fixed or beside.names) or target.kind == "anywhere":
+    fixed, (beside, shifts, errors) = _fixed_sources(tool_point), _workpiece_errors(tool_point)
+    if not (fixed or beside) or target.kind == "anywhere":
         return None
     covariance = _conditional(tool_point.covariance, fixed)
     columns = _Levers.of(tool_point, fixed)
     point = _least(columns, covariance, target, basis) if fixed and target.kind == "region" else target.lower
     # At a region the lever of the workpiece is zero: its errors raise the bound by as much at every point.
-    J, both = basis.T @ np.hstack([columns.at(point), beside.columns]), _joined(covariance, beside.covariance)
+    J, both = basis.T @ np.hstack([columns.at(point), shifts]), _joined(covariance, errors)
     values, vectors = np.linalg.eigh(J @ both @ J.T)
-    sigma = deviation(float(values[-1]), _joined(columns.scale(covariance), beside.moved))
+    sigma = deviation(float(values[-1]), _joined(columns.scale(covariance), shifts @ errors @ shifts.T))
     if sigma == 0:
         return None
     gains: dict[str, float] = {}
-    names = [*(tool_point.names[k] for k in fixed), *map(stated_name, beside.names)]
+    names = [*(tool_point.names[k] for k in fixed), *map(stated_name, beside)]
     for name, gain in zip(names, (vectors[:, -1] @ J) ** 2 * np.diag(both), strict=True):
         gains[name] = gains.get(name, 0.0) + float(gain)
     source = max(gains, key=gains.__getitem__)
@@ -222,27 +222,15 @@ def lower_bound(tool_point: ToolPoint, target: TaskTarget, basis: Array) -> Lowe
     return LowerBound(sigma, source, gains[source] / sum(gains.values()), point, radius)
 
 
-@dataclass(frozen=True)
-class _WorkpieceErrors:
+def _workpiece_errors(tool_point: ToolPoint) -> tuple[list[str], Array, Array]:
     """Errors of the workpiece: names, shift of the target by each (3, w), and covariance (w, w)."""
-
-    names: tuple[str, ...]
-    columns: Array
-    covariance: Array
-
-    @classmethod
-    def of(cls, tool_point: ToolPoint) -> _WorkpieceErrors:
-        linear = tool_point.linear
-        rows = [] if linear is None else [k for k, name in enumerate(linear.names) if of_workpiece(name)]
-        names = tuple(linear.names[k] for k in rows) if linear is not None else ()
-        shifts = [relative_twist(name, tool_point.lever)[0] for name in names]
-        covariance = np.zeros((0, 0)) if linear is None else linear.covariance[np.ix_(rows, rows)]
-        return cls(names, np.array(shifts, dtype=float).reshape(-1, 3).T, covariance)
-
-    @property
-    def moved(self) -> Array:
-        """(3, 3) covariance added between tool and target [m²]."""
-        return np.asarray(self.columns @ self.covariance @ self.columns.T)
+    linear = tool_point.linear
+    if linear is None:
+        return [], np.zeros((3, 0)), np.zeros((0, 0))
+    rows = [k for k, name in enumerate(linear.names) if of_workpiece(name)]
+    names = [linear.names[k] for k in rows]
+    shifts = [relative_twist(name, tool_point.lever)[0] for name in names]
+    return names, np.array(shifts, dtype=float).reshape(-1, 3).T, linear.covariance[np.ix_(rows, rows)]
 
 
 def _joined(A: Array, B: Array) -> Array:
