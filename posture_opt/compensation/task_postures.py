@@ -19,9 +19,9 @@ from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.program.nlp import Nlp, Row
 from posture_opt.selection.program.task_target import TaskTarget, spin_axis
-from posture_opt.selection.search.batches import until_found_often
 from posture_opt.selection.search.engine import CandidatePosture, Engine
 from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE, TOLERANCE
+from posture_opt.selection.search.multistart import until_found_often
 from posture_opt.selection.search.search_outcome import DISTANCE_ROUNDING, is_clear
 from posture_opt.selection.tasks.custom import Custom
 from posture_opt.selection.tasks.workpiece import Direction
