@@ -198,8 +198,8 @@ def frame_target(axes: Axes, seen: TaskSpread, B: Array, half: float, unit: str,
 
 
 def view_basis(spread: Spread, seen: TaskSpread) -> Array:
-    """What is looked at, (2, 3), rows orthonormal in the world frame: across the direction where that is a plane, a line
-    and the direction where one axis counts, the plane of both longest axes, the plane of a planar arm."""
+    """What is looked at, (2, 3), rows orthonormal in the world frame: a plane across the direction, a line and the
+    direction where one axis counts, the plane of both longest axes, the plane of a planar arm."""
     basis = seen.critical.basis
     if len(spread.basis) == 2:
         return np.asarray(spread.basis)

@@ -11,7 +11,7 @@ import numpy as np
 from posture_opt.model.arm import Arm
 from posture_opt.numerics import Array
 from posture_opt.report.scene.arm_geometry import TargetGeometry
-from posture_opt.report.scene.arm_view import ArmView, Mark, ShownPosture
+from posture_opt.report.scene.arm_view import ArmView, ShownPosture
 from posture_opt.report.text.words import PARTS
 from posture_opt.robot.shape import BASE, TOOL
 from posture_opt.statements.notation import length, length_unit, place
@@ -52,16 +52,13 @@ def shares_by_owner(shares: Sequence[Share], arm: Arm) -> tuple[tuple[str, float
 
 def solution_postures(solutions: Sequence[Solution], names: Sequence[str], stem: str) -> tuple[ShownPosture, ...]:
     """The postures of some solutions, with tool point, spread, target and shares of the joints."""
-    return tuple(
-        _posture_of(f"{stem}-{k}", name, one) for k, (name, one) in enumerate(zip(names, solutions, strict=True), 1)
-    )
-
-
-def _posture_of(key: str, name: str, one: Solution) -> ShownPosture:
-    sigma = length(one.critical.sigma_max)
-    facts = ((f"σ {PARTS[one.critical.within]}", sigma), ("Tool point", place(one.spread.position)))
-    shares = shares_by_owner(one.budget, one.optimisation_problem.arm)
-    return ShownPosture(key, f"{name}: {sigma}", one.q, facts, one.spread, TargetGeometry.of(one.target), shares)
+    found = []
+    for k, (name, one) in enumerate(zip(names, solutions, strict=True), 1):
+        sigma = length(one.critical.sigma_max)
+        facts = ((f"σ {PARTS[one.critical.within]}", sigma), ("Tool point", place(one.spread.position)))
+        shares, target = shares_by_owner(one.budget, one.optimisation_problem.arm), TargetGeometry.of(one.target)
+        found.append(ShownPosture(f"{stem}-{k}", f"{name}: {sigma}", one.q, facts, one.spread, target, shares))
+    return tuple(found)
 
 
 def spread_view(found: Spread) -> ArmView:
@@ -74,9 +71,8 @@ def spread_view(found: Spread) -> ArmView:
     target = None if seen is None else TargetGeometry("anywhere", found.position, found.position, seen.direction, None)
     budget = found.budget if seen is None else seen.budget
     arm = found.tool_point.arm
-    posture = ShownPosture(
-        "posture", "posture", np.array(found.q), tuple(facts), found, target, shares_by_owner(budget, arm)
-    )
+    shares = shares_by_owner(budget, arm)
+    posture = ShownPosture("posture", "posture", np.array(found.q), tuple(facts), found, target, shares)
     return ArmView(arm.robot, (posture,), "Posture", getattr(found.problem, "scene", None))
 
 
@@ -123,9 +119,9 @@ def task_posture(problem: ProblemData, comparison: Comparison | None, measured: 
     return q, propagate(problem, q) if known else None
 
 
-def correction_marks(found: Calibration, problem: ProblemData) -> tuple[Mark, ...]:
+def correction_marks(found: Calibration, problem: ProblemData) -> tuple[tuple[str, str], ...]:
     """The most significant correction of each joint, where it exceeds three standard errors."""
-    marks: dict[str, Mark] = {}
+    marks: dict[str, str] = {}
     z = np.nan_to_num(np.abs(found.z))
     for k in np.argsort(-z):
         parameter = found.parameters[k]
@@ -133,11 +129,11 @@ def correction_marks(found: Calibration, problem: ProblemData) -> tuple[Mark, ..
         # Corrections below three standard errors are not marked.
         if owner and owner not in marks and z[k] > 3.0 and found.fixed[k]:
             size = plus_minus(float(found.x[k]), float(found.std[k]), *ERROR_UNITS[parameter.unit])
-            marks[owner] = Mark(owner, f"{parameter.name}\n{'+' if found.x[k] > 0 else ''}{size}")
-    return tuple(marks.values())[:5]
+            marks[owner] = f"{parameter.name}\n{'+' if found.x[k] > 0 else ''}{size}"
+    return tuple(marks.items())[:5]
 
 
-def cause_marks(found: Diagnosis, finding: Finding) -> tuple[Mark, ...]:
+def cause_marks(found: Diagnosis, finding: Finding) -> tuple[tuple[str, str], ...]:
     """A cause at its joint, at the base or the tool; of all geometry together, the most significant corrections."""
     problem = found.extended
     cause, owners = finding.cause, (*problem.robot.joint_names, BASE, TOOL)
@@ -145,6 +141,6 @@ def cause_marks(found: Diagnosis, finding: Finding) -> tuple[Mark, ...]:
     owner = next((name for name in named if name in owners), "")
     size = finding.size_text
     if owner:
-        return (Mark(owner, f"{finding.label}\n{size}" if size else finding.label),)
+        return ((owner, f"{finding.label}\n{size}" if size else finding.label),)
     geometric = finding.effect is None and finding.noise is None
     return correction_marks(found.calibration, problem) if geometric else ()
