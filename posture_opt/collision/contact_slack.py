@@ -9,7 +9,7 @@ import numpy as np
 
 from posture_opt.collision.contacts import Contacts
 from posture_opt.collision.contacts_c import C_TEXT
-from posture_opt.model.row_loop import RowLoop
+from posture_opt.model.compiled import RowLoop
 from posture_opt.numerics import Array
 
 _LOOP = (

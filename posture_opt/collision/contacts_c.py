@@ -203,4 +203,4 @@ C_TEXT = product_solid.C_TEXT + (
     .replace("TINY", repr(product_solid.LEAST_LENGTH_M))
     .replace("PARALLEL", repr(PARALLEL))
 )
-"""C text of ``po_scene`` and its functions, after `posture_opt.model.row_loop`, around a function ``frames``."""
+"""C text of ``po_scene`` and its functions, after `posture_opt.model.compiled`, around a function ``frames``."""

@@ -19,7 +19,7 @@ from posture_opt.csv_text import csv_line
 from posture_opt.numerics import Array, Json, Mask, rms
 from posture_opt.result import Result
 from posture_opt.robot.robot import Joint
-from posture_opt.selection.answer.configurations import configurations
+from posture_opt.selection.answer.other_postures import configurations
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.statements import Statement
 from posture_opt.uncertainty.spread.joint_digits import JointDigits

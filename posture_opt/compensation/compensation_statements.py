@@ -10,7 +10,7 @@ import numpy as np
 from posture_opt.collision.scene_statements import scene_statements
 from posture_opt.compensation.arrival_sides import sided_joints
 from posture_opt.numerics import rms
-from posture_opt.selection.answer.arm_statements import beyond_measured, free_frames
+from posture_opt.selection.answer.solution_statements import beyond_measured, free_frames
 from posture_opt.statements import Quantity, Statement, state
 from posture_opt.statements.notation import listed_lines
 

@@ -10,7 +10,7 @@ import numpy as np
 from posture_opt.compensation.task_postures import Found, TaskPostures
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
-from posture_opt.selection.answer.configurations import configurations
+from posture_opt.selection.answer.other_postures import configurations
 
 Branches = dict[tuple[str, ...], Array]
 """Name of a configuration -> a posture (n,) in it."""

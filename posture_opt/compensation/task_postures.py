@@ -15,8 +15,8 @@ import numpy as np
 from posture_opt.errors import NoSolutionError
 from posture_opt.model.reach_bound import stretched
 from posture_opt.numerics import Array
-from posture_opt.robot.joint_ranges import drawn_between
-from posture_opt.selection.answer.configurations import configurations
+from posture_opt.robot.posture import drawn_between
+from posture_opt.selection.answer.other_postures import configurations
 from posture_opt.selection.answer.selector import PostureSelector
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.problem_data import ProblemData
@@ -26,7 +26,7 @@ from posture_opt.selection.search.engine import CandidatePosture, Engine
 from posture_opt.selection.search.inverse_kinematics import TOLERANCE
 from posture_opt.selection.search.search_outcome import is_clear
 from posture_opt.selection.tasks.custom import Custom
-from posture_opt.selection.tasks.direction import Direction
+from posture_opt.selection.tasks.workpiece import Direction
 from posture_opt.selection.terms.near_posture import NearPosture
 from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.uncertainty.spread.task_spread import across_basis

@@ -8,7 +8,7 @@ import numpy as np
 
 from posture_opt.numerics import Array
 from posture_opt.problem.problem import Problem
-from posture_opt.robot.joint_ranges import drawn_between
+from posture_opt.robot.posture import drawn_between
 
 _POSTURES = 2000  # random ones: takes some ms
 _NEAREST = 50  # of which those that are clear of the cell are preferred

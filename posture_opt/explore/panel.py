@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from posture_opt.report.scene.arm_geometry import ArmGeometry
     from posture_opt.robot.robot import Joint
     from posture_opt.selection.answer.solution import Solution
-    from posture_opt.uncertainty.spread.budget_groups import ShareGroup
+    from posture_opt.uncertainty.spread.budget import ShareGroup
     from posture_opt.uncertainty.spread.spread import Spread
 
 _FIRST = "Searching …"

@@ -17,8 +17,8 @@ import numpy as np
 from posture_opt.export.arrivals import from_sides
 from posture_opt.model.arm import Arm
 from posture_opt.numerics import Array, Codes
-from posture_opt.selection.answer.held_joints import held_joints
 from posture_opt.selection.problem_data import ProblemData
+from posture_opt.selection.program.optimisation_problem import held_joints
 from posture_opt.selection.search.search_outcome import is_clear
 
 REDUCED_SPEED = 0.25

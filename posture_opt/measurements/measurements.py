@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from posture_opt.measurements.kinds import Kind, PointContact, Pose, Position, Seen
+from posture_opt.measurements.kinds import CameraPose, Kind, PointContact, Pose, Position, Seen
 from posture_opt.measurements.kinds.kind import Vector
 from posture_opt.measurements.readings.better_reading import BetterReading
 from posture_opt.model.arm import Arm
@@ -20,7 +20,7 @@ from posture_opt.result import Summarised
 from posture_opt.robot.robot import Robot
 from posture_opt.statements import Statement, state
 
-_POSITION, _POSE, _POINT = Position(), Pose(), PointContact()
+_POSITION, _POSE, _CAMERA, _POINT = Position(), Pose(), CameraPose(), PointContact()
 _MIN_SESSION_ROWS = 20
 """Rows of a session with a clock of its own; fewer that are out of place for each time that a clock goes back were
 sorted, or measured again."""
@@ -127,7 +127,9 @@ class Measurements(Summarised):
     @property
     def kind(self) -> Kind:
         """What the rows show of the pose of the tool."""
-        return self.instrument or (_POINT if self.position is None else _POSITION if self.rotation is None else _POSE)
+        if self.instrument is not None or self.position is None:
+            return self.instrument or _POINT
+        return _POSITION if self.rotation is None else _CAMERA if self.inverted else _POSE
 
     @property
     def order(self) -> Codes:

@@ -33,7 +33,12 @@ from posture_opt.measurements.measurements import (
     still_axes,
 )
 from posture_opt.measurements.mixing import mixed_rows
-from posture_opt.measurements.orientation_columns import NO_ORIENTATION_NOTE, OrientationColumns, orientation_of
+from posture_opt.measurements.orientation_columns import (
+    NO_ORIENTATION_NOTE,
+    OrientationColumns,
+    joint_turns,
+    orientation_of,
+)
 from posture_opt.measurements.plausibility import HasData, plausibility_checks
 from posture_opt.measurements.repeats import apart
 from posture_opt.measurements.rotations import inverted_poses
@@ -122,7 +127,9 @@ def _assemble_rows(
 ) -> Measurements:
     """The measurements of cells that were read without a fault; values beyond limits join ``faults``."""
     line, robot = cells.line, problem.robot
-    q = np.column_stack([_present_column(cells.number(name)) for name in robot.joint_names])
+    turns = joint_turns(cells, columns, robot, faults)
+    faults.refuse()
+    q = np.column_stack([turns[n] if n in turns else _present_column(cells.number(n)) for n in robot.joint_names])
     q, turned_joints = _as_counted(q, robot, problem.data)
     _check_limits(q, robot, columns, line, faults)
     check_inputs(cells, robot, faults)
@@ -357,14 +364,17 @@ def _derived_approach(q: Array, robots: Codes) -> tuple[Array, Array]:
 def _check_limits(q: Array, robot: Robot, columns: dict[str, Column], line: Codes, faults: Faults) -> None:
     """Joint values far beyond the limits are faults: one for a whole column that fits in another unit."""
     for values, joint in zip(q.T, robot.joints, strict=True):
-        column, turns = columns[joint.name], joint.type == "revolute"
+        turns = joint.type == "revolute"
         margin = TURN if turns else joint.upper - joint.lower
         beyond = np.flatnonzero((values > joint.upper + margin) | (values < joint.lower - margin))
+        if not len(beyond):
+            continue
+        column = columns[joint.name]
         other, ratio = ("deg", math.pi / 180) if turns else ("mm", 1e-3)
         text = f"more than {'a turn' if turns else 'their whole range'} beyond the limits"
         converted = values / column.factor * ratio
         fits = converted.max() <= joint.upper + margin and converted.min() >= joint.lower - margin
-        if len(beyond) and column.unit != other and fits:
+        if column.unit != other and fits:
             first, reach = int(line[beyond[0]]), np.abs(values).max() / column.factor
             message = f"values up to {reach:.4g} {column.unit} lie {text} ({len(beyond)} rows, first line {first})"
             faults.add(message, joint.name, None, f"they look like {other}: write {joint.name} [{other}]", first)

@@ -35,8 +35,7 @@ from posture_opt.problem.second_arms import second_document
 from posture_opt.problem.yaml_source import ProblemDocument
 from posture_opt.registration import registered
 from posture_opt.robot.urdf_reader import MAX_BYTES
-from posture_opt.selection.fitted_arm import FittedArm
-from posture_opt.selection.problem_data import ProblemData
+from posture_opt.selection.problem_data import FittedArm, ProblemData
 from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.uncertainty.sources.uncertainty_section import UncertaintySpec
 

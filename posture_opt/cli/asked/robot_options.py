@@ -11,8 +11,8 @@ import click
 
 from posture_opt.cli.asked.quantities import frame_of, payload_of
 from posture_opt.errors import InputError, Issue, listed
-from posture_opt.files import is_file
-from posture_opt.problem.load import builtin_names, load_problem
+from posture_opt.files import builtin_names, is_file
+from posture_opt.problem.load import load_problem
 from posture_opt.problem.problem import Problem
 from posture_opt.robot import preset_names
 from posture_opt.robot.preset import presets_meant

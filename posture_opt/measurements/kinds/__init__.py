@@ -9,7 +9,7 @@ from posture_opt.measurements.kinds.mixed import Member, Mixed
 from posture_opt.measurements.kinds.pair import PairContact
 from posture_opt.measurements.kinds.plane import PlaneContact, PlaneSpec
 from posture_opt.measurements.kinds.point import PointContact
-from posture_opt.measurements.kinds.pose import Pose
+from posture_opt.measurements.kinds.pose import CameraPose, Pose
 from posture_opt.measurements.kinds.position import FramedPosition, Position
 from posture_opt.measurements.kinds.second_arm import PairSpec
 
@@ -23,6 +23,7 @@ __all__ = [
     "AnchorDistance",
     "AnchorSpec",
     "BoardPose",
+    "CameraPose",
     "FramedPosition",
     "Kind",
     "Level",

@@ -66,6 +66,30 @@ class Pose(Position):
 
 
 @dataclass(frozen=True, eq=False)
+class CameraPose(Pose):
+    """``h = (p, R)`` of a camera in the frame of a board: poses of the board in the camera, inverted.
+
+    The camera measures ``t = −Rₘᵀ m``, whose noise an error of the orientation does not touch; inverting would add that
+    error times the distance to m. So the error is that of the board, ``p + R t``, where the camera sees it.
+    """
+
+    def error(self, seen: Seen) -> Slots:
+        """``(p − R Rₘᵀ m, log(R Rₘᵀ))``."""
+        turned = _turn_between(seen, self.orientations(seen))
+        return (*(stacked(seen.position, len(seen.place)) - self._carried(seen)).T, *turned)
+
+    def slope(self, seen: Seen, shift: Vector, turn: Vector) -> Slots:
+        """``v − ω × R Rₘᵀ m`` and ``ω``."""
+        n = len(seen.place)
+        return (*(stacked(shift, n) - np.cross(stacked(turn, n), self._carried(seen))).T, *turn)
+
+    def _carried(self, seen: Seen) -> Array:
+        """(N, 3) ``−R t``: from the board to the camera, as the model turns it [m]."""
+        turned = _model_turn(seen) @ np.swapaxes(self.orientations(seen), -1, -2)
+        return np.asarray(np.einsum("nij,nj->ni", turned, seen.reading[:, :3]))
+
+
+@dataclass(frozen=True, eq=False)
 class FramedPose(FramedPosition):
     """``(p, R) = T (m, Rₘ)``: poses that a tracker measures in a frame T of its own, beside other readings."""
 
@@ -107,8 +131,12 @@ def _of_camera(data: object) -> bool:
 
 def _turn_between(seen: Seen, measured: Array) -> Array:
     """(3, N) rotation vectors [rad] in the world that turn measured orientations (N, 3, 3) into the model's."""
-    R = np.stack([stacked(column, len(seen.place)) for column in seen.columns], axis=-1)
-    return rotation_vectors(R @ np.swapaxes(measured, -1, -2)).T
+    return rotation_vectors(_model_turn(seen) @ np.swapaxes(measured, -1, -2)).T
+
+
+def _model_turn(seen: Seen) -> Array:
+    """(N, 3, 3) R_world_tool of the model."""
+    return np.stack([stacked(column, len(seen.place)) for column in seen.columns], axis=-1)
 
 
 @lru_cache(maxsize=16)

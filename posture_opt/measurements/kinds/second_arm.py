@@ -11,8 +11,8 @@ from pydantic import Field, PrivateAttr
 
 from posture_opt.model.arm import Arm
 from posture_opt.model.chain import Vector, Walk, factor_values, walk
-from posture_opt.model.fitted_geometry import geometry_behind_first_joint
 from posture_opt.numerics import Array, stacked_rows
+from posture_opt.robot.corrections import geometry_behind_first_joint
 from posture_opt.robot.robot import Robot
 from posture_opt.spec import Spec
 from posture_opt.units import Length

@@ -17,8 +17,8 @@ from posture_opt.report.page.colours import BLUE, GREEN, GREY, ORANGE, VERMILLIO
 from posture_opt.report.page.style import Look, legend, new_figure, styled
 from posture_opt.report.text.words import line_words
 from posture_opt.uncertainty.regions.regions import Ellipsoid, coverage_factor, hotelling_factor
-from posture_opt.validation.prediction import ErrorSources
-from posture_opt.validation.repeat_scatter import prismatic_joints, repeat_errors
+from posture_opt.validation.prediction import ErrorSources, prismatic_joints
+from posture_opt.validation.repeat_scatter import repeat_errors
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -21,7 +21,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from posture_opt import Solution, Spread
-    from posture_opt.uncertainty.spread.budget_groups import ShareGroup
+    from posture_opt.selection.answer.solution import Solution
+    from posture_opt.uncertainty.spread.budget import ShareGroup
+    from posture_opt.uncertainty.spread.spread import Spread
     from posture_opt.uncertainty.spread.task_spread import TaskSpread
 
 _GRID_VALUES = 181

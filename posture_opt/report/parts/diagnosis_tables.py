@@ -10,7 +10,7 @@ import numpy as np
 from posture_opt.csv_text import csv_line
 from posture_opt.diagnosis.cause_statements import numbers_of
 from posture_opt.diagnosis.diagnosis_statements import words
-from posture_opt.diagnosis.discrimination.discrimination_design import detection_probability
+from posture_opt.diagnosis.discrimination_plan import detection_probability
 from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent
 from posture_opt.errors import enumerated
 from posture_opt.measurements.columns import AXES
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from posture_opt import Diagnosis, Measurements
     from posture_opt.diagnosis.causes.causes import Finding
     from posture_opt.diagnosis.causes.sessions import Gain, SecondSession
-    from posture_opt.diagnosis.discrimination.discrimination_plan import DiscriminationPlan
+    from posture_opt.diagnosis.discrimination_plan import DiscriminationPlan
     from posture_opt.diagnosis.measured_goals import Choice, MeasuredGoals
 
 MODELS = {name: MODEL_NAMES[name] for name in ("nominal", "calibrated", "extended")}

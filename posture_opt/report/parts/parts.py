@@ -15,17 +15,9 @@ from posture_opt.errors import listed
 from posture_opt.model.arm import Arm
 from posture_opt.numerics import Array
 from posture_opt.report.text.blocks import Table
-from posture_opt.report.text.words import (
-    METHODS,
-    REGIONS,
-    Vector,
-    line_words,
-    roll_pitch_yaw,
-    source_size,
-    source_words,
-)
+from posture_opt.report.text.words import METHODS, REGIONS, Vector, line_words, roll_pitch_yaw
 from posture_opt.robot.robot import Joint, Robot
-from posture_opt.selection.answer.arm_statements import free_frames
+from posture_opt.selection.answer.solution_statements import free_frames
 from posture_opt.statements import Statement
 from posture_opt.statements.notation import (
     joint_unit,
@@ -39,8 +31,8 @@ from posture_opt.statements.notation import (
     shift,
     stated_length,
 )
+from posture_opt.uncertainty.sources.source_names import conditions, source_size, source_words
 from posture_opt.uncertainty.sources.workpiece import ANGLE, stated_name
-from posture_opt.uncertainty.spread.conditions import conditions
 from posture_opt.uncertainty.spread.joint_digits import JointDigits, readable_digits, readable_posture
 from posture_opt.uncertainty.spread.spread import HasSources
 from posture_opt.units import fixed

@@ -10,8 +10,7 @@ import numpy as np
 from posture_opt.report.parts.task_parts import critical_size
 from posture_opt.report.text.blocks import Block, Facts, Table
 from posture_opt.report.text.words import direction_words
-from posture_opt.selection.answer.placement import COORDINATES, placement_text
-from posture_opt.selection.answer.shared_placement import PlacementFigure
+from posture_opt.selection.answer.placement import COORDINATES, PlacementFigure, placement_text
 from posture_opt.statements.notation import (
     angle,
     joint_unit,
@@ -27,8 +26,7 @@ from posture_opt.uncertainty.spread.joint_digits import readable_digits
 from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:
-    from posture_opt.selection.answer.placement import PlacementRange
-    from posture_opt.selection.answer.shared_placement import Placement
+    from posture_opt.selection.answer.placement import Placement, PlacementRange
     from posture_opt.selection.answer.solution import Solution
 
 

@@ -10,9 +10,9 @@ import numpy as np
 from posture_opt.report.parts import parts
 from posture_opt.report.parts.task_parts import critical_rows, main_fact
 from posture_opt.report.text.blocks import Block, Facts, Table
-from posture_opt.report.text.words import part_words, source_size
 from posture_opt.selection.answer.improvements import CalibratedArm, HalvedSigma, MovedPart
 from posture_opt.selection.answer.solution_statements import ACROSS_PATH, NO_GAIN, part_of
+from posture_opt.selection.registered_tasks import part_words
 from posture_opt.statements.notation import (
     angle,
     joint_unit,
@@ -25,6 +25,7 @@ from posture_opt.statements.notation import (
     stated,
 )
 from posture_opt.uncertainty.regions.regions import deviation
+from posture_opt.uncertainty.sources.source_names import source_size
 from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
     from posture_opt import Arm, Solution
     from posture_opt.selection.answer.improvements import Improvement
     from posture_opt.selection.answer.prices import Price
-    from posture_opt.selection.answer.solution import Alternative
+    from posture_opt.selection.answer.target_answer import Alternative
     from posture_opt.selection.program.task_target import TaskTarget
     from posture_opt.selection.terms.term import Stated, Term
 

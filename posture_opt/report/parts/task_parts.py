@@ -16,18 +16,12 @@ from posture_opt.numerics import Array
 from posture_opt.report.page.presenter import problem_of
 from posture_opt.report.parts.parts import lean, sigma_of
 from posture_opt.report.text.blocks import Block, Facts, Table
-from posture_opt.report.text.words import (
-    CRITERIA,
-    REGIONS,
-    direction_words,
-    line_words,
-    part_words,
-    source_size,
-    source_words,
-)
+from posture_opt.report.text.words import CRITERIA, REGIONS, direction_words, line_words
+from posture_opt.selection.registered_tasks import part_words
 from posture_opt.statements.notation import angle, length, lengths, percent, probability, stated_length
 from posture_opt.uncertainty.regions.regions import Ellipsoid
-from posture_opt.uncertainty.spread.budget_groups import SHARE_TOLERANCE, ShareGroup
+from posture_opt.uncertainty.sources.source_names import source_size, source_words
+from posture_opt.uncertainty.spread.budget import SHARE_TOLERANCE, ShareGroup
 from posture_opt.units import fixed, shown
 
 if TYPE_CHECKING:

@@ -20,7 +20,8 @@ from posture_opt.report.page.save import Files, map_csv
 from posture_opt.report.parts import parts
 from posture_opt.report.scene.posture_views import target_key, target_view
 from posture_opt.report.text.blocks import Block, Facts, Summary, Table
-from posture_opt.report.text.words import CRITERIA, PARTS, direction_words, line_words, part_words
+from posture_opt.report.text.words import CRITERIA, PARTS, direction_words, line_words
+from posture_opt.selection.registered_tasks import part_words
 from posture_opt.statements.notation import count, length, length_unit, lengths, percent, place
 from posture_opt.units import fixed, number
 
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
     from posture_opt.report.scene.arm_view import ArmView
     from posture_opt.selection.maps.map_points import Grid
     from posture_opt.selection.problem_data import ProblemData
-    from posture_opt.validation.measured_errors import MeasuredErrors
+    from posture_opt.validation.accuracy_map import MeasuredErrors
 
 
 _OWN = "At the position in the problem"

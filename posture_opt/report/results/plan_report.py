@@ -38,9 +38,9 @@ from posture_opt.units import ERROR_UNITS, fixed, number
 
 if TYPE_CHECKING:
     from posture_opt import MeasurementPlan, Recheck
-    from posture_opt.changes.visibility import Visibility
+    from posture_opt.changes.hypotheses import Visibility
     from posture_opt.changes.what_changed import LikelyChange
-    from posture_opt.experiments.expected_errors import ExpectedErrors
+    from posture_opt.experiments.information import ExpectedErrors
 
 _MAX_ROWS = 60
 _UNKNOWN = "unknown"

@@ -24,7 +24,7 @@ from posture_opt.report.text.words import line_words
 from posture_opt.statements.notation import length, length_unit, lengths, percent, place
 from posture_opt.uncertainty.regions.critical import PARTS
 from posture_opt.uncertainty.regions.regions import coverage_factor, deviation
-from posture_opt.uncertainty.simulation.sampling_errors import variance_intervals
+from posture_opt.uncertainty.simulation.sampler import variance_intervals
 from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.comparison.comparison_statements import comparison_statements
 from posture_opt.selection.comparison.predicted_error import JudgedAnswer
 from posture_opt.selection.problem_data import ProblemData
-from posture_opt.selection.search.clusters import clusters
+from posture_opt.selection.search.engine import clusters
 from posture_opt.statements import Statement
 
 _TIE = 1e-12  # of a standard deviation

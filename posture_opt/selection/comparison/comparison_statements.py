@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from posture_opt.selection.answer.solution_statements import NO_GAIN, part_of
 from posture_opt.statements import Quantity, Statement, state
 from posture_opt.statements.notation import joint_value
-from posture_opt.uncertainty.spread.conditions import conditions
+from posture_opt.uncertainty.sources.source_names import conditions
 
 if TYPE_CHECKING:
     from posture_opt.selection.comparison.comparison import Comparison

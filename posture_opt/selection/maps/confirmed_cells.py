@@ -9,8 +9,8 @@ from posture_opt.collision.scene import Scene
 from posture_opt.selection.maps.map_candidate import MapCandidate
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.confirmation import Confirmation, joined_confirmation
-from posture_opt.selection.search.confirmed_posture import confirmed
 from posture_opt.selection.search.engine import CandidatePosture, Engine
+from posture_opt.selection.search.search_outcome import confirmed
 
 
 def confirmed_cells(

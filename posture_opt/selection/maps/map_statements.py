@@ -5,9 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from posture_opt.collision.scene_statements import scene_statements
-from posture_opt.selection.answer.arm_statements import beyond_measured, free_frames
-from posture_opt.selection.answer.confirmation_statement import confirmed
-from posture_opt.selection.answer.solution_statements import NO_GAIN, free_joints
+from posture_opt.selection.answer.solution_statements import (
+    NO_GAIN,
+    beyond_measured,
+    confirmed,
+    free_frames,
+    free_joints,
+)
 from posture_opt.selection.registered_tasks import part_words
 from posture_opt.statements import Quantity, Statement, state
 from posture_opt.statements.notation import place

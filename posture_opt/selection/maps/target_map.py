@@ -14,8 +14,7 @@ from posture_opt.errors import NoSolutionError
 from posture_opt.interrupts import interruptible
 from posture_opt.numerics import Array, Codes, Json, Mask, Progress
 from posture_opt.result import Result
-from posture_opt.robot.joint_ranges import drawn_between
-from posture_opt.selection.answer.fallbacks import with_fallbacks
+from posture_opt.robot.posture import drawn_between
 from posture_opt.selection.answer.selector import PostureSelector
 from posture_opt.selection.maps.confirmed_cells import confirmed_cells
 from posture_opt.selection.maps.grid_layout import GridRequest, Plane, grid_of
@@ -26,7 +25,7 @@ from posture_opt.selection.maps.map_points import Grid, MapPoint, NeighbourSolve
 from posture_opt.selection.maps.map_rounds import worked_on
 from posture_opt.selection.maps.map_search import best_candidates
 from posture_opt.selection.maps.map_statements import map_statements
-from posture_opt.selection.problem_data import ProblemData
+from posture_opt.selection.problem_data import ProblemData, with_fallbacks
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.confirmation import UNCONFIRMED_JSON, Confirmation

@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from posture_opt.numerics import Array
-from posture_opt.selection.answer.combine import combined_sigma
-from posture_opt.selection.answer.shared_placement import Placement
+from posture_opt.selection.answer.placement import Placement, combined_sigma
 from posture_opt.selection.stations.placed_stations import PlacedStations, Postures
 
 _RETRIES = 2  # times that placements of the map without a posture are tried again

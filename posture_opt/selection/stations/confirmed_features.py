@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from posture_opt.selection.answer.solution import Solution
-from posture_opt.selection.search.confirmed_posture import confirmed
+from posture_opt.selection.search.search_outcome import confirmed
 
 
 def confirmed_features(solved: Sequence[Solution]) -> list[Solution]:

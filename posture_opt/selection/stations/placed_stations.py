@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 
 from posture_opt.numerics import Array, Codes, DerivedAgain, Mask
-from posture_opt.selection.answer.combine import combined_numbers
-from posture_opt.selection.answer.placement import PlacementRange
+from posture_opt.selection.answer.placement import PlacementRange, combined_numbers
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.engine import Engine
 from posture_opt.selection.stations.branch_combination import Branches, best_combination, combination_losses
@@ -25,7 +24,7 @@ from posture_opt.selection.stations.station_errors import StationErrors
 from posture_opt.selection.stations.stations_problem import SharedSuccess, Station, StationsProblem
 from posture_opt.selection.tasks.workpiece import Combine
 from posture_opt.uncertainty.sources.sources import Sources
-from posture_opt.uncertainty.spread.shared_draws import ErrorParts, SharedDraws
+from posture_opt.uncertainty.spread.success_of_all import ErrorParts, SharedDraws
 
 _COLUMNS = ("W", "Q", "main", "extra", "sigma", "gap", "loss")
 _OF_STATION = ("main", "extra", "sigma", "gap")

@@ -17,7 +17,7 @@ from posture_opt.numerics import Array, DerivedAgain
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.uncertainty.moments.pose_covariance import covariance_root
 from posture_opt.uncertainty.sources.sources import Sources
-from posture_opt.uncertainty.spread.shared_draws import ErrorParts
+from posture_opt.uncertainty.spread.success_of_all import ErrorParts
 
 _NODES = 16  # of the quadrature over a circle
 _LEAST_SCATTER = 0.15  # of the clearance: narrower scatter is neither smooth in the draws nor seen by the nodes

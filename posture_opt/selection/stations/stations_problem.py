@@ -16,8 +16,8 @@ import casadi as ca
 import numpy as np
 
 from posture_opt.numerics import Array, DerivedAgain, Mask
-from posture_opt.selection.answer.combine import combined_success, combined_symbols
-from posture_opt.selection.program.nonlinear_solver import NonlinearSolver
+from posture_opt.selection.answer.placement import combined_success, combined_symbols
+from posture_opt.selection.program.nlp import NonlinearSolver
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.stations.station_errors import StationErrors
