@@ -29,27 +29,17 @@ class ProblemPresenter(SummaryPresenter["Problem"]):
 
     def summary(self) -> Summary:
         problem: Problem = self.result
-        facts = [
-            robot_facts(problem)[0],
-            *effect_facts(problem),
-            *source_facts(problem),
-            *workpiece_facts(problem),
-            *_task_facts(problem.task),
-        ]
-        if problem.cell is not None and problem.cell.obstacles:
-            facts.append(("Obstacles", ", ".join(obstacle.name for obstacle in problem.cell.obstacles)))
+        task, obstacles = problem.task, [] if problem.cell is None else [o.name for o in problem.cell.obstacles]
+        facts = [robot_facts(problem)[0], *effect_facts(problem), *source_facts(problem), *workpiece_facts(problem)]
+        if task is None:
+            facts.append(("Task", "none stated"))
+        else:
+            clearance = f", clearance {stated_length(task.clearance)}" if task.clearance else ""
+            facts += [("Task", f"{task.kind}{clearance}"), ("Target", _where(task))]
+        facts += [("Obstacles", ", ".join(obstacles))] if obstacles else []
         # Two lines a fact.
-        return Summary(
-            f"Problem: {problem.name}",
-            tuple((label, textwrap.shorten(text, 150, placeholder=" …")) for label, text in facts),
-        )
-
-
-def _task_facts(task: Task | None) -> list[tuple[str, str]]:
-    if task is None:
-        return [("Task", "none stated")]
-    clearance = f", clearance {stated_length(task.clearance)}" if task.clearance else ""
-    return [("Task", f"{task.kind}{clearance}"), ("Target", _where(task))]
+        short = tuple((label, textwrap.shorten(text, 150, placeholder=" …")) for label, text in facts)
+        return Summary(f"Problem: {problem.name}", short)
 
 
 def _where(task: Task) -> str:

@@ -7,15 +7,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from posture_opt.collision.facets import cylinder_facets, tapered_facets
 from posture_opt.numerics import Array, Codes, Json
-from posture_opt.report.page.page import View
 from posture_opt.report.scene.arm_geometry import (
     ARROW_SHARE,
     ErrorRegion,
@@ -27,7 +26,7 @@ from posture_opt.report.scene.arm_geometry import (
     obstacles_near,
 )
 from posture_opt.report.scene.arm_solids import COLOURS, ArmSolids, Solid
-from posture_opt.statements.notation import joint_value
+from posture_opt.statements.notation import joint_value, length_unit
 
 if TYPE_CHECKING:
     from posture_opt import Robot, Spread
@@ -126,7 +125,7 @@ class ShownPosture:
 
 
 @dataclass(frozen=True, eq=False)
-class ArmView(View):
+class ArmView:
     """An arm in at least one posture.
 
     Args:
@@ -146,9 +145,19 @@ class ArmView(View):
     line: bool = False
     values: str = ""
 
+    @classmethod
+    def coloured(
+        cls, problem: Any, choice: str, sized: Sequence[tuple[ShownPosture, float]], what: str, *first: ShownPosture
+    ) -> ArmView:
+        """Postures with lengths [m] that colour their points, ``what`` they are; ``first`` come without colours."""
+        unit, factor = length_unit([size for _, size in sized])
+        coloured = (replace(posture, value=round(factor * size, 5)) for posture, size in sized)
+        scene, values = getattr(problem, "scene", None), f"{what} [{unit}]"
+        return cls(problem.robot, (*first, *coloured), choice, scene, points=True, values=values)
+
     @property
     def keys(self) -> frozenset[str]:
-        """Of all postures."""
+        """Rows of tables with such a key show a posture."""
         return frozenset(posture.key for posture in self.postures)
 
     def document(self) -> dict[str, Json]:

@@ -14,7 +14,7 @@ from posture_opt.report.scene.arm_geometry import TargetGeometry
 from posture_opt.report.scene.arm_view import ArmView, ShownPosture
 from posture_opt.report.text.words import PARTS
 from posture_opt.robot.shape import BASE, TOOL
-from posture_opt.statements.notation import length, length_unit, place
+from posture_opt.statements.notation import length, place
 from posture_opt.uncertainty.spread.budget import Share
 from posture_opt.uncertainty.spread.spread import propagate, relative_spread
 from posture_opt.units import ERROR_UNITS, plus_minus
@@ -82,30 +82,22 @@ def target_key(point: MapPoint) -> str:
 
 
 def target_view(found: TargetMap, sizes: Sequence[float], what: str) -> ArmView | None:
-    """The postures coloured by ``sizes`` (N,) [m], of which ``what`` says what they are; None where no target has
-    one."""
-    unit, factor = length_unit([size for size in sizes if size == size])
-    postures = [
-        ShownPosture(
-            target_key(point),
-            f"{place(point.position)}: {length(size)}",
-            point.q,
-            ((what.capitalize(), length(size)), ("Target", place(point.position))),
-            relative_spread(found.problem, point.q, found.target.lever),
-            TargetGeometry.of(replace(found.target, lower=point.position, upper=point.position)),
-            value=round(factor * size, 5),
-        )
-        for point, size in zip(found.map_points, sizes, strict=True)
-        if point.feasible
-    ]
+    """The postures coloured by ``sizes`` (N,) [m], of which ``what`` says what they are, the one with the smallest size
+    first; None where no target has one."""
+    postures = []
+    for point, size in zip(found.map_points, sizes, strict=True):
+        if point.feasible:
+            at, long = place(point.position), length(size)
+            facts = ((what.capitalize(), long), ("Target", at))
+            spread = relative_spread(found.problem, point.q, found.target.lever)
+            target = TargetGeometry.of(replace(found.target, lower=point.position, upper=point.position))
+            shown = ShownPosture(target_key(point), f"{at}: {long}", point.q, facts, spread, target)
+            postures.append((shown, float(size)))
     if not postures:
         return None
-    known = [size for point, size in zip(found.map_points, sizes, strict=True) if point.feasible]
-    best = known.index(min(known))  # as the first sentence of the report has it, not by rounded values
-    ordered = (postures[best], *postures[:best], *postures[best + 1 :])
-    scene = getattr(found.problem, "scene", None)
-    robot = found.optimisation_problem.robot
-    return ArmView(robot, ordered, "Target", scene, points=True, values=f"{what} [{unit}]")
+    best = min(postures, key=lambda posture: posture[1])  # by the sizes of the report, not by rounded ones
+    ordered = [best, *(posture for posture in postures if posture is not best)]
+    return ArmView.coloured(found.problem, "Target", ordered, what)
 
 
 def task_posture(problem: ProblemData, comparison: Comparison | None, measured: Array) -> tuple[Array, Spread | None]:

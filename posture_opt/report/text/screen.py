@@ -28,10 +28,12 @@ def on_a_screen(report: Document, width: int, saved: Sequence[str]) -> Document:
         excess = _lines(short, width) - SCREEN
         place = next((k for k in reversed(range(len(kept))) if kept[k].rows > kept[k].least), None)
         if place is None:
-            out = _dispensable([shown.block for shown in kept], excess, width)
-            if out is None:
+            # The last block that is so long that the rest fits without it, else the last that may go.
+            blocks = {k: shown.block for k, shown in enumerate(kept) if not shown.whole.stays}
+            sizes = {k: _lines(Document("", (), (block,)), width) - 1 for k, block in blocks.items()}
+            if not sizes:
                 break
-            kept.pop(out)
+            kept.pop(max((k for k, size in sizes.items() if size >= excess), default=max(sizes)))
         else:
             kept[place] = replace(kept[place], limit=max(kept[place].least, kept[place].rows - excess))
     return short
@@ -47,12 +49,16 @@ class _Shown:
     @property
     def table(self) -> Table | None:
         """The longest table; None without one."""
-        return max((item for item in self.whole.items if isinstance(item, Table)), key=_height, default=None)
+        return max(
+            (item for item in self.whole.items if isinstance(item, Table)),
+            key=lambda table: len(table.rows),
+            default=None,
+        )
 
     @property
     def longest(self) -> int:
         """Rows of the longest table."""
-        return 0 if self.table is None else _height(self.table)
+        return 0 if self.table is None else len(self.table.rows)
 
     @property
     def least(self) -> int:
@@ -76,21 +82,12 @@ class _Shown:
         return replace(self.whole, items=tuple(items))
 
 
-def _height(table: Table) -> int:
-    return len(table.rows)
-
-
 def _cut(table: Table, rows: int) -> tuple[Table, str]:
     short = table.cut(rows)
     left = [row[0] for row in table.rows if row not in short.rows]
     # Up to eight rows left out are named.
     named = table.text_columns > 0 and len(left) <= 8 and all(left)
     return short, f"… {len(table.rows) - rows} more{f': {enumerated(left)}' if named else ''}"
-
-
-def _dispensable(kept: Sequence[Block], excess: int, width: int) -> int | None:
-    sizes = {k: _lines(Document("", (), (block,)), width) - 1 for k, block in enumerate(kept) if not block.stays}
-    return max((k for k, size in sizes.items() if size >= excess), default=max(sizes, default=None))
 
 
 def _ended(report: Document, kept: Sequence[_Shown], saved: Sequence[str]) -> Document:
@@ -103,16 +100,13 @@ def _ended(report: Document, kept: Sequence[_Shown], saved: Sequence[str]) -> Do
 
 def more_words(left: Iterable[str], whole: bool, saved: Sequence[str]) -> str:
     """What ``--full`` and ``--out`` would show."""
-    titles = [_lowered(title) for title in left]
+    # Inside a sentence; abbreviations keep their capitals.
+    titles = [title if title[1:2].isupper() else title[:1].lower() + title[1:] for title in left]
     more = [f"{len(titles) - _MAX_NAMED_SECTIONS} more sections"] if len(titles) > _MAX_NAMED_SECTIONS + 1 else []
     named = [*titles[:_MAX_NAMED_SECTIONS], *more] if more else titles
     what = f"all details, with {enumerated(named)}" if named else "all details"
     full = "" if whole else f"--full prints {what}. "
     return f"{full}--out DIR writes {enumerated(['report.html with figures', *saved])}."
-
-
-def _lowered(title: str) -> str:
-    return title if title[1:2].isupper() else title[:1].lower() + title[1:]
 
 
 def _lines(report: Document, width: int) -> int:
