@@ -98,10 +98,8 @@ def plot_scores(found: Diagnosis) -> Figure:
     if own:
         _say(axes, 0, "p in the model")
     axes.plot([1, 1], [-0.6, at], color="black", lw=1.2, ls="--", zorder=3)
-    axes.annotate(
-        f"significant beyond this line ({100 * FIRST_EFFECT_LEVEL:.1f} % by chance)", (1, at), xytext=(4, 0),
-        textcoords="offset points", va="center", zorder=4,
-    )  # fmt: skip
+    text = f"significant beyond this line ({100 * FIRST_EFFECT_LEVEL:.1f} % by chance)"
+    axes.annotate(text, (1, at), xytext=(4, 0), textcoords="offset points", va="center", zorder=4)
     name_rows(axes, names)
     axes.set(ylim=(at + 0.6, -0.7), xlim=(0, right))
     ticks: list[float] = [0, 1]
@@ -116,10 +114,9 @@ def plot_scores(found: Diagnosis) -> Figure:
 
 
 def _say(axes: Axes, k: int, text: str) -> None:
-    axes.annotate(
-        text, (1, k), xycoords=("axes fraction", "data"), xytext=(4, 0), textcoords="offset points", va="center",
-        ha="left", annotation_clip=False,
-    )  # fmt: skip
+    """A text in a column behind the axes, where no bar and no line runs through it."""
+    offset: Look = {"xytext": (4, 0), "textcoords": "offset points", "va": "center", "annotation_clip": False}
+    axes.annotate(text, (1, k), xycoords=("axes fraction", "data"), ha="left", **offset)
 
 
 def _look(row: ScoredRow) -> Look:
@@ -189,10 +186,8 @@ def plot_errors(found: Diagnosis) -> Figure:
     over.set_yscale("log")
     over.set_ylim(bottom=smallest if smallest > 0 else None)
     decimals(over.yaxis)
-    over.set(
-        xlabel="row, in the order of measuring (lines: RMS of neighbours)",
-        ylabel="position error of held-out rows [mm]",
-    )
+    over.set_xlabel("row, in the order of measuring (lines: RMS of neighbours)")
+    over.set_ylabel("position error of held-out rows [mm]")
     below.set(xlabel="share of the rows below [%]", xlim=(0, 100))
     legend(figure)
     return figure

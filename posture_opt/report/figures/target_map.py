@@ -324,13 +324,9 @@ def _rows(axes: Axes, canvas: Canvas, found: AccuracyMap, lengths: Array, layer:
     """Measured rows near this layer, in the colours of the cells; ``lengths`` (M,) [m]."""
     assert found.measured is not None
     measured, grid = found.measured, canvas.grid
-    per_layer = grid.shape[1] * grid.shape[2]
-    mine = measured.near & (measured.cell // per_layer == layer)
-    if not mine.any():
-        return
-    u, v, _ = 1e3 * grid.coordinates(measured.place[mine]).T
-    size = float(np.clip(4000 / np.count_nonzero(mine), 12, 45))
-    axes.scatter(
-        u, v, c=canvas.scale * lengths[mine], cmap=COLOUR_MAP, norm=canvas.norm, s=size, edgecolors="white",
-        linewidths=0.8, zorder=5, label="measured", clip_on=False,
-    )  # fmt: skip
+    mine = measured.near & (measured.cell // (grid.shape[1] * grid.shape[2]) == layer)
+    if mine.any():
+        u, v, _ = 1e3 * grid.coordinates(measured.place[mine]).T
+        size = float(np.clip(4000 / np.count_nonzero(mine), 12, 45))
+        look: Look = {"cmap": COLOUR_MAP, "norm": canvas.norm, "edgecolors": "white", "linewidths": 0.8, "zorder": 5}
+        axes.scatter(u, v, c=canvas.scale * lengths[mine], s=size, label="measured", clip_on=False, **look)

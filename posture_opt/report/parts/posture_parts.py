@@ -83,14 +83,11 @@ def spread_block(solution: Solution) -> Block:
     if any(term.uses_orientation for term in (*task.minimize, *task.subject_to)):
         of = solution.orientation
         turned = [("Orientation", f"tilt {angle(of.tilt)} (worst axis), spin {angle(of.spin)} (standard deviations)")]
-    rows = (
-        *(*seen, *parts.ellipse_facts(spread, among), parts.mean_fact(spread, among)),
-        *(parts.first_order_fact(critical.sigma_max, linear, among), *turned),
-        *(parts.method_fact(spread), *parts.relative_fact(spread)),
-    )
-    contributions = main_fact(solution.task_spread.budget_groups)
-    brief = Facts((*seen, contributions))
-    return Block("Spread of the tool point", (Facts(rows),), figure="cloud", brief=(brief,))
+    rows = [*seen, *parts.ellipse_facts(spread, among), parts.mean_fact(spread, among)]
+    rows += [parts.first_order_fact(critical.sigma_max, linear, among), *turned, parts.method_fact(spread)]
+    rows += parts.relative_fact(spread)
+    brief = Facts((*seen, main_fact(solution.task_spread.budget_groups)))
+    return Block("Spread of the tool point", (Facts(tuple(rows)),), figure="cloud", brief=(brief,))
 
 
 def alternatives_block(solution: Solution) -> Block:
