@@ -73,7 +73,10 @@ class MeasurementsPresenter(SummaryPresenter["Measurements"]):
         data = self.result
         poses = len(np.unique(data.pose))
         repeated = f" of {poses} postures" if poses < len(data) else ", each of another posture"
-        facts = [("Rows", f"{len(data)}{repeated}"), ("Measured", _measured(data)), ("Joints", _ranges(data))]
+        spans = np.ptp(data.q, axis=0)
+        widest = f"the widest range is {math.degrees(float(max(spans))):.0f} deg"
+        moved = f"{sum(span > 0 for span in spans)} of {len(spans)} moved; {widest}"
+        facts = [("Rows", f"{len(data)}{repeated}"), ("Measured", _measured(data)), ("Joints", moved)]
         if len(data.robot_names) > 1:
             facts.append(("Robots", ", ".join(data.robot_names)))
         inputs = ("approach", "payload", "temperature", "time")
@@ -131,10 +134,3 @@ def _measured(data: Measurements) -> str:
         return f"{data.kind.noun}: {', '.join(data.point_names)}" if data.point_names else data.kind.noun
     axes = ", ".join(name for name, seen in zip("xyz", data.measured_axes, strict=True) if seen)
     return f"position ({axes})" + (" and orientation" if data.rotation is not None else "")
-
-
-def _ranges(data: Measurements) -> str:
-    """How many joints moved, and the widest range [deg] that a joint was moved over."""
-    spans = np.ptp(data.q, axis=0)
-    moved = sum(span > 0 for span in spans)
-    return f"{moved} of {len(spans)} moved; the widest range is {math.degrees(float(max(spans))):.0f} deg"

@@ -23,7 +23,7 @@ def on_a_screen(report: Document, width: int, saved: Sequence[str]) -> Document:
     Args:
         saved: what ``--out`` writes next to the report, for the last line.
     """
-    kept = [_Shown(block.short) for block in report.blocks if block.short.items]
+    kept = [_Shown.of(block.short) for block in report.blocks if block.short.items]
     while _lines(short := _ended(report, kept, saved), width) > SCREEN and kept:
         excess = _lines(short, width) - SCREEN
         place = next((k for k in reversed(range(len(kept))) if kept[k].rows > kept[k].least), None)
@@ -35,50 +35,32 @@ def on_a_screen(report: Document, width: int, saved: Sequence[str]) -> Document:
                 break
             kept.pop(max((k for k, size in sizes.items() if size >= excess), default=max(sizes)))
         else:
-            kept[place] = replace(kept[place], limit=max(kept[place].least, kept[place].rows - excess))
+            kept[place] = replace(kept[place], rows=max(kept[place].least, kept[place].rows - excess))
     return short
 
 
 @dataclass(frozen=True)
 class _Shown:
-    """A block with so many rows of its longest table at the most."""
+    """A block with so many ``rows`` of its longest table; ``least`` of them stay however long the rest is."""
 
     whole: Block
-    limit: int | None = None
+    rows: int
+    least: int
 
-    @property
-    def table(self) -> Table | None:
-        """The longest table; None without one."""
-        return max(
-            (item for item in self.whole.items if isinstance(item, Table)),
-            key=lambda table: len(table.rows),
-            default=None,
-        )
-
-    @property
-    def longest(self) -> int:
-        """Rows of the longest table."""
-        return 0 if self.table is None else len(self.table.rows)
-
-    @property
-    def least(self) -> int:
-        """Rows that stay however long the rest is."""
-        return 0 if self.table is None else self.table.least
-
-    @property
-    def rows(self) -> int:
-        """Rows that are shown of it."""
-        return self.longest if self.limit is None else self.limit
+    @classmethod
+    def of(cls, whole: Block) -> _Shown:
+        tables = (item for item in whole.items if isinstance(item, Table))
+        table = max(tables, key=lambda table: len(table.rows), default=None)
+        return cls(whole, 0, 0) if table is None else cls(whole, len(table.rows), table.least)
 
     @property
     def block(self) -> Block:
         """The block, and behind a table that is cut how many more rows there are."""
         items: list[Item] = []
+        longest = _Shown.of(self.whole).rows
         for item in self.whole.items:
-            if isinstance(item, Table) and len(item.rows) == self.longest > self.rows:
-                items += _cut(item, self.rows)
-            else:
-                items.append(item)
+            cut = isinstance(item, Table) and len(item.rows) == longest > self.rows
+            items += _cut(item, self.rows) if cut and isinstance(item, Table) else (item,)
         return replace(self.whole, items=tuple(items))
 
 
