@@ -72,8 +72,8 @@ def plot_plan_errors(plan: MeasurementPlan) -> Figure:
     # random postures, over that with the plan.
     merits = [] if plan.purpose == "task" else [("all parameters (geometric mean)", math.nan, plan.gain)]
     if plan.target is not None and plan.after.task > 0:
-        before, random = (stage.task / plan.after.task for stage in (plan.before, plan.random))
-        merits.append(("tool point at the task", before, random))
+        ratios = [stage.task / plan.after.task for stage in (plan.before, plan.random)]
+        merits.append(("tool point at the task", ratios[0], ratios[1]))
     most = max((len(r) for r in rows.values()), default=1)
     figure = new_figure(2.1 + 0.23 * (len(merits) + most))
     grid = figure.add_gridspec(2, max(len(drawn), 1), height_ratios=(len(merits) + 0.6, most + 0.6))
@@ -81,8 +81,8 @@ def plot_plan_errors(plan: MeasurementPlan) -> Figure:
     for number, unit in enumerate(drawn):
         factor, written = ERROR_UNITS[unit]
         axes = figure.add_subplot(grid[1, number])
-        stages = (stage.std[rows[unit]] * factor for stage in (plan.before, plan.after, plan.random))
-        _dots(axes, [plan.parameters[i].name for i in rows[unit]], *stages, len(plan.q))
+        before, after, random = (stage.std[rows[unit]] * factor for stage in (plan.before, plan.after, plan.random))
+        _dots(axes, [plan.parameters[i].name for i in rows[unit]], before, after, random, len(plan.q))
         axes.set_xscale("log")
         decimals(axes.xaxis)
         axes.set_xlabel(f"expected standard error [{written}]")

@@ -119,5 +119,8 @@ def _text(name: str) -> str:
 def _template() -> Template:
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
-    loader, blocks = PackageLoader("posture_opt.report"), {"trim_blocks": True, "lstrip_blocks": True}
-    return Environment(loader=loader, autoescape=True, undefined=StrictUndefined, **blocks).get_template("report.html")
+    environment = Environment(
+        loader=PackageLoader("posture_opt.report"), autoescape=True, trim_blocks=True, lstrip_blocks=True,
+        undefined=StrictUndefined,
+    )  # fmt: skip
+    return environment.get_template("report.html")

@@ -51,8 +51,8 @@ def parameters_block(found: Calibration) -> Block:
     "determined" is yes, no, or "by prior" where only the stated σ determines it; "change / std. error" beyond 1.96 is
     significant for one parameter."""
     shown = [i for i, p in enumerate(found.parameters) if p.group != "place"]
-    headers = ("parameter", "determined", "nominal [deg, mm]", "estimate [deg, mm]", "change [mrad, mm]")
-    headers = (*headers, "std. error [mrad, mm]", "change / std. error", "prior [mrad, mm]")
+    values = ("parameter", "determined", "nominal [deg, mm]", "estimate [deg, mm]", "change [mrad, mm]")
+    headers = (*values, "std. error [mrad, mm]", "change / std. error", "prior [mrad, mm]")
     width = len(headers) - (not np.isfinite(found.prior).any())
     table = Table(headers[:width], tuple(_row(found, i)[:width] for i in shown), text_columns=2)
     known = [i for i in shown if found.fixed[i]]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import textwrap
 from collections.abc import Iterable, Sequence
+from functools import partial
 from itertools import zip_longest
 
 from posture_opt.report.text.blocks import WIDTH, Block, Document, Facts, Summary, Table, written
@@ -114,9 +115,9 @@ def _width(text: str) -> int:
 def _wrapped_rows(table: Sequence[Sequence[str]], width: int | None) -> list[list[list[str]]]:
     """The lines of every cell, cut between words."""
     bounds = _bounds(list(zip(*table, strict=True)), width)
-    look = {"break_long_words": False, "break_on_hyphens": False}
+    wrap = partial(textwrap.wrap, break_long_words=False, break_on_hyphens=False)
     return [
-        [[cell] if len(cell) <= size else textwrap.wrap(cell, size, **look) or [""] for cell, size in row]
+        [[cell] if len(cell) <= size else wrap(cell, size) or [""] for cell, size in row]
         for row in (list(zip(cells, bounds, strict=True)) for cells in table)
     ]
 
