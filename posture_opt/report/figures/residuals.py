@@ -117,10 +117,7 @@ def plot_residual_vectors(shown: Shown) -> Figure:
     # More arrows hide each other.
     rows = chosen_rows(len(shown.data), 400)
     large = {name: float(np.quantile(np.linalg.norm(e, axis=1), 0.95)) for name, e in shown.errors.items()}
-    extent, common = float(np.ptp(shown.places, axis=0).max()), max(large.values())
-    # Arrows shorter than 0.6 of the other model's have a scale of their own.
-    alike = min(large.values()) > 0.6 * common
-    factors = {name: enlargement(common if alike else size, extent) for name, size in large.items()}
+    factors = _factors(large, float(np.ptp(shown.places, axis=0).max()))
     ends = np.concatenate(
         [shown.places[rows], *((shown.places + factors[name] * e)[rows] for name, e in shown.errors.items())]
     )
@@ -145,6 +142,13 @@ def plot_residual_vectors(shown: Shown) -> Figure:
     some = f", {len(rows)} of {len(shown.data)} rows drawn by lot" if len(rows) < len(shown.data) else ""
     figure.suptitle(f"measured minus model, enlarged as said above each column{some}")
     return figure
+
+
+def _factors(large: dict[str, float], extent: float) -> dict[str, float]:
+    """By which the arrows of each model are enlarged: shorter ones than 0.6 of the other's have their own factor."""
+    common = max(large.values())
+    alike = min(large.values()) > 0.6 * common
+    return {name: enlargement(common if alike else size, extent) for name, size in large.items()}
 
 
 def _arrows(
