@@ -35,8 +35,6 @@ from functools import partial
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from posture_opt.registration import register
-
 if TYPE_CHECKING:
     from posture_opt import errors
     from posture_opt.batch.batch_calibration import Batch, calibrate_batch
@@ -217,21 +215,18 @@ _PRESENTED_IN = {
 """Results whose presenter is not in the file of their own name: ``TargetMap`` is in ``map_report.py``."""
 
 
-def _presenter_of(result: object) -> Any:
+def presenter_of(result: object) -> Any:
     """``TargetMap`` is presented by ``TargetMapPresenter`` of a file in ``report/results``."""
     name = type(result).__name__
     file = _PRESENTED_IN.get(name, name.lower())
     return getattr(import_module(f"posture_opt.report.results.{file}_report"), f"{name}Presenter")(result)
 
 
-def _evaluation_of(calibration: Calibration) -> Any:
+def evaluation_of(calibration: Calibration) -> Any:
+    """What the predictions of a calibration are held against."""
     return import_module("posture_opt.validation.evaluation").Evaluation(calibration)
 
 
-def _explorer_of(problem: Problem) -> Any:
+def explorer_of(problem: Problem) -> Any:
+    """What starts the live page of a problem."""
     return partial(import_module("posture_opt.explore.explorer").explore, problem)
-
-
-register("explorer", _explorer_of)
-register("presenter", _presenter_of)
-register("evaluation", _evaluation_of)

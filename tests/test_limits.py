@@ -83,7 +83,7 @@ def pixels(count: int) -> None:
 def board_points(count: int) -> None:
     from pathlib import Path
 
-    from posture_opt.cli.asked.pictures import detected
+    from posture_opt.cli.request import detected
 
     detected([Path("0.png")], f"grid:2x{count}:25mm", None, "left", "board", "5X5_1000")
 

@@ -13,8 +13,7 @@ from posture_opt.calibration.estimation.fit_setup import TOLERANCES, FitSetup, p
 from posture_opt.calibration.estimation.identifiability import identify_parameters
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.errors import InputError, InsufficientDataError, Issue, listed
-from posture_opt.measurements.affine_fit import reach
-from posture_opt.measurements.measurements import Measurements
+from posture_opt.measurements.measurements import Measurements, reach
 from posture_opt.numerics import Array, Codes, Mask, rms_length
 from posture_opt.robot.robot import Robot
 

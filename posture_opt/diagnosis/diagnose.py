@@ -32,7 +32,7 @@ from posture_opt.diagnosis.scores import levels
 from posture_opt.interrupts import interruptible
 from posture_opt.limits import MOST_SEARCHED
 from posture_opt.measurements.measurements import Measurements
-from posture_opt.measurements.thinning import thin
+from posture_opt.measurements.repeats import thin
 from posture_opt.model.effects import Effect
 from posture_opt.numerics import Codes, Progress, rms
 from posture_opt.selection.problem_data import ProblemData

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
+from posture_opt import presenter_of
 from posture_opt.errors import InputError, Issue, NoSolutionError, PostureOptError
 from posture_opt.limits import MOST_PROBLEM_FILES
 from posture_opt.numerics import Json, Progress, finite_or_none
 from posture_opt.output import finite
-from posture_opt.registration import registered
 from posture_opt.result import Result
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.select_posture import select_posture
@@ -223,7 +223,7 @@ def solved(seed: int | None, item: tuple[ProblemData, bool]) -> list[Any]:
 
 
 def _page_of(solution: Solution) -> list[str]:
-    page, picture = registered("presenter", solution).illustrated_page()
+    page, picture = presenter_of(solution).illustrated_page()
     return [page, b64encode(picture).decode("ascii")]
 
 

@@ -7,7 +7,7 @@ import pytest
 
 import posture_opt as po
 from posture_opt.errors import NoSolutionError
-from posture_opt.export.robot_program import answer_program
+from tests.export.programs import answer_program
 from tests.helpers.brute_force import in_the_world
 from tests.helpers.cells import POST, TABLE
 from tests.helpers.said import said

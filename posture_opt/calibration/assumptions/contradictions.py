@@ -11,8 +11,7 @@ from posture_opt.calibration.estimation.effect_sensitivities import EffectSensit
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.parameters import Parameter
 from posture_opt.measurements.measurements import Measurements
-from posture_opt.measurements.readings.reading_search import fitting_readings, sample_of
-from posture_opt.measurements.readings.readings import coupling_readings
+from posture_opt.measurements.readings import coupling_readings, fitting_readings, sample_of
 from posture_opt.model.arm import Arm
 from posture_opt.model.effects import Cause, FittedSizes, JointCoupling, Size
 from posture_opt.numerics import Json

@@ -19,7 +19,7 @@ from posture_opt.numerics import Array
 from posture_opt.report.page.colours import BLUE, COLOUR_MAP, LIGHT, ORANGE, VERMILLION
 from posture_opt.report.page.style import WIDTH, Look, legend, new_axes, new_figure, styled
 from posture_opt.report.text.words import PARTS, line_words
-from posture_opt.selection.maps.map_collisions import SELF_COLLISION
+from posture_opt.selection.maps.map_search import SELF_COLLISION
 from posture_opt.statements.notation import length_unit
 from posture_opt.units import fixed
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from posture_opt import AccuracyMap, TargetMap
-    from posture_opt.selection.maps.map_points import Grid
+    from posture_opt.selection.maps.grid_layout import Grid
 
 _PANELS_WIDTH_INCH = WIDTH - 1.6  # the rest is the scale of colours with its numbers
 _REASONS = {"not reached": "out of reach", "requirement not met": "a requirement is not met"}

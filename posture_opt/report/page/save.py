@@ -10,14 +10,13 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from posture_opt.csv_text import csv_line
-from posture_opt.manifest import Manifest
 from posture_opt.numerics import Array, Json, Mask
-from posture_opt.output import json_text, write_folder
+from posture_opt.output import json_text, manifest_of, write_folder
 from posture_opt.report.page.page import Page
 from posture_opt.report.page.style import image
 from posture_opt.report.text.blocks import Summary
 from posture_opt.report.text.text import render
+from posture_opt.texts import csv_line
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -124,7 +123,7 @@ def save_files(folder: Path, files: Files) -> tuple[Path, ...]:
     Raises:
         InputError: the folder cannot be written to, or has a file of such a name that is not of this program.
     """
-    pages = {name for name in Manifest.of(folder).names if _OWN_PAGE.fullmatch(name)}
+    pages = {name for name, _ in manifest_of(folder) if _OWN_PAGE.fullmatch(name)}
     return write_folder(folder, files, replaces=OWN_FILES | pages)
 
 

@@ -7,19 +7,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from posture_opt.csv_text import csv_line
 from posture_opt.diagnosis.cause_statements import numbers_of
 from posture_opt.diagnosis.diagnosis_statements import words
 from posture_opt.diagnosis.discrimination_plan import detection_probability
 from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent
 from posture_opt.errors import enumerated
 from posture_opt.measurements.columns import AXES
-from posture_opt.measurements.kinds.pose_columns import QUATERNION
+from posture_opt.measurements.kinds.pose import QUATERNION
 from posture_opt.report.parts.model_tables import error_cells, error_headers, mm, range_table
 from posture_opt.report.text.blocks import Facts, Item, Table
 from posture_opt.report.text.words import MODEL_NAMES
 from posture_opt.statements import Quantity, p_value, p_words
 from posture_opt.statements.notation import angle, count, joint_unit, percent
+from posture_opt.texts import csv_line
 from posture_opt.units import ERROR_UNITS, fixed, number, plus_minus
 
 if TYPE_CHECKING:

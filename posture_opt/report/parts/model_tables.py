@@ -15,7 +15,7 @@ from posture_opt.measurements.repeats import repeat_groups
 from posture_opt.numerics import rms
 from posture_opt.report.text.blocks import Block, Later, Table
 from posture_opt.report.text.words import MODEL_NAMES
-from posture_opt.selection.comparison.comparison_statements import FIRST
+from posture_opt.selection.comparison.comparison import FIRST
 from posture_opt.statements.notation import (
     angle_error,
     count,

@@ -38,7 +38,7 @@ from posture_opt.uncertainty.spread.spread import HasSources
 from posture_opt.units import fixed
 
 if TYPE_CHECKING:
-    from posture_opt.collision.nearest import Clearance
+    from posture_opt.collision.pairs import Clearance
     from posture_opt.collision.scene import Scene
     from posture_opt.selection.problem_data import ProblemData
     from posture_opt.uncertainty.spread.spread import Spread

@@ -12,7 +12,7 @@ from posture_opt.report.parts.model_tables import TITLE, comparison_blocks, succ
 from posture_opt.report.parts.parts import joint_cells, joint_heads
 from posture_opt.report.text.blocks import Block, Document, Facts, Summary, Table
 from posture_opt.report.text.words import MODEL_NAMES
-from posture_opt.selection.comparison.comparison_statements import FIRST, is_other_arm
+from posture_opt.selection.comparison.comparison import FIRST, is_other_arm
 from posture_opt.statements.notation import decimals_of, length, length_unit
 from posture_opt.units import fixed
 

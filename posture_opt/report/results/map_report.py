@@ -28,7 +28,7 @@ from posture_opt.units import fixed, number
 if TYPE_CHECKING:
     from posture_opt import AccuracyMap, TargetMap
     from posture_opt.report.scene.arm_view import ArmView
-    from posture_opt.selection.maps.map_points import Grid
+    from posture_opt.selection.maps.grid_layout import Grid
     from posture_opt.selection.problem_data import ProblemData
     from posture_opt.validation.accuracy_map import MeasuredErrors
 

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from posture_opt.csv_text import csv_line
 from posture_opt.report.figures.batch import plot_posture_batch
 from posture_opt.report.page.presenter import Columns, Presenter
 from posture_opt.report.page.save import Files, page_name
 from posture_opt.report.text.blocks import Block, Document, Linked, Summary, Table
 from posture_opt.statements.notation import count, length_unit, probability
+from posture_opt.texts import csv_line
 from posture_opt.units import number
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from posture_opt.collision.mounting import MOUNTING_PLANE
+from posture_opt.collision.cell import MOUNTING_PLANE
 from posture_opt.numerics import Array
 from posture_opt.selection.program.nlp import Row
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem, bound_terms

@@ -10,7 +10,7 @@ from typing import get_args
 
 import numpy as np
 
-from posture_opt.collision.contact_slack import ContactSlack
+from posture_opt.collision.contacts import ContactSlack
 from posture_opt.errors import InputError, Issue, NoSolutionError
 from posture_opt.interrupts import interruptible
 from posture_opt.model.toolchain import find_compiler

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
-from posture_opt.collision.nearest import Clearance
+from posture_opt.collision.pairs import Clearance
 from posture_opt.numerics import Array, Json, Mask
 from posture_opt.selection.answer.improvements import MIN_GAIN, Improvement, improvements
 from posture_opt.selection.answer.placement import Placement, combined_sigma

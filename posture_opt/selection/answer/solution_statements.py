@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from posture_opt.collision.scene_statements import scene_statements
+from posture_opt.collision.scene import scene_statements
 from posture_opt.model.arm import Arm
 from posture_opt.numerics import Array
 from posture_opt.robot.posture import joints_at_limits

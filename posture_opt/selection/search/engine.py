@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from posture_opt.collision.contact_slack import ContactSlack
-from posture_opt.collision.contacts import Contacts
+from posture_opt.collision.contacts import Contacts, ContactSlack
 from posture_opt.model.compiled import BatchFunction
 from posture_opt.model.toolchain import find_compiler
 from posture_opt.numerics import TURN, Array, Codes, DerivedAgain

@@ -6,7 +6,7 @@ and Van Loan 2013, section 8.5), short and exact for the few directions that the
 
 from __future__ import annotations
 
-from posture_opt.collision import contacts_c
+from posture_opt.collision.contacts import C_TEXT as CONTACTS_TEXT
 from posture_opt.collision.contacts import MOST_NEAR, POINTS
 from posture_opt.selection.search import quadratic_model as model
 
@@ -392,5 +392,5 @@ long long posture_opt_loop(long long rows, long long n, long long own, double* q
 }
 """
 
-LOOP_TEXT = "".join([contacts_c.C_TEXT, *_DEFINED, _MODEL, _LOOP])
+LOOP_TEXT = "".join([CONTACTS_TEXT, *_DEFINED, _MODEL, _LOOP])
 """C text of ``posture_opt_loop``, around the functions ``values``, ``slopes``, ``hessian`` and ``restore``."""

@@ -14,7 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
-from posture_opt.collision.contact_slack import ContactSlack
+from posture_opt.collision.contacts import ContactSlack
 from posture_opt.collision.scene import Scene
 from posture_opt.numerics import Array, Json, Mask
 from posture_opt.selection.program.task_target import TaskTarget

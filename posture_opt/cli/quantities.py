@@ -1,12 +1,9 @@
-"""Values that options state: scatter of the joints, a posture, a corner, a height.
-
-Text with units, as in a problem file: ``"0.6 m, 0.2 m, 0.1 m"``. Errors name the option and show what to write.
-"""
+"""Values that options state: scatter of the joints, a posture, a corner, a height."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 
 from posture_opt.errors import BadValueError, InputError, Issue, did_you_mean
 from posture_opt.robot.robot import Joint, Robot
@@ -16,18 +13,14 @@ _FRAME = ("x", "y", "z", "roll", "pitch", "yaw")
 
 
 def joint_sigmas(text: str, joints: tuple[Joint, ...]) -> dict[str, str]:
-    """Parameter -> quantity of ``--sigma``: an angle is for all revolute joints, a length for all prismatic ones.
-
-    Args:
-        text: one or two quantities, "0.02 deg, 0.01 mm".
-
-    Raises:
-        InputError: two angles, a negative number, no unit, or no joint of that kind.
-    """
+    """Parameter -> quantity of ``--sigma``: an angle is for all revolute joints, a length for all prismatic ones."""
     given: dict[str, str] = {}
     issues: list[Issue] = []
     for entry in entries(text):
-        kind = _joint_type(entry, given, joints)
+        if is_bare_zero(entry):  # for joints of which nothing was said before
+            kind = next((joint.type for joint in joints if joint.type not in given), "revolute")
+        else:
+            kind = "prismatic" if _is_length(entry) else "revolute"
         try:
             _check(entry, kind, given, joints)
         except BadValueError as error:
@@ -39,7 +32,6 @@ def joint_sigmas(text: str, joints: tuple[Joint, ...]) -> dict[str, str]:
 
 
 def _check(entry: str, kind: str, given: dict[str, str], joints: tuple[Joint, ...]) -> None:
-    """Refuse an entry of ``--sigma`` that repeats a former one, is no σ, or is meant for joints that the arm lacks."""
     if kind in given:
         what = "length" if kind == "prismatic" else "angle"
         hint = "give one for all joints, or each its own in a problem file"
@@ -64,19 +56,10 @@ def exact_note(joints: tuple[Joint, ...], sigma: dict[str, str]) -> tuple[str, .
 
 
 def _own_parameter(joint: Joint) -> str:
-    """The parameter that adds to the joint's own variable."""
     return f"{joint.name}.{'theta' if joint.type == 'revolute' else 'd'}"
 
 
-def _joint_type(entry: str, given: Mapping[str, str], joints: tuple[Joint, ...]) -> str:
-    """The joints that an entry of ``--sigma`` is meant for; a bare zero for those of which nothing was said before."""
-    if is_bare_zero(entry):
-        return next((joint.type for joint in joints if joint.type not in given), "revolute")
-    return "prismatic" if _is_length(entry) else "revolute"
-
-
 def _is_length(text: str) -> bool:
-    """Whether a text is a length with its unit."""
     try:
         parse_quantity(text, "length")
     except ValueError:
@@ -85,11 +68,7 @@ def _is_length(text: str) -> bool:
 
 
 def entries(text: str) -> list[str]:
-    """The entries of ``"0.6 m, 0.2 m, 0.1 m"``; bare numbers may be separated by blanks.
-
-    >>> entries("[0.6 m, 0.2 m, 0.1 m]"), entries("0 0 -1")
-    (['0.6 m', '0.2 m', '0.1 m'], ['0', '0', '-1'])
-    """
+    """The entries of ``"0.6 m, 0.2 m, 0.1 m"``; bare numbers may be separated by blanks."""
     text = text.strip().strip("[]()")
     if "," not in text and ";" not in text and re.fullmatch(r"[-+.\deE\s]+", text):
         return text.split()
@@ -97,11 +76,7 @@ def entries(text: str) -> list[str]:
 
 
 def frame_of(option: str, text: str) -> str | dict[str, list[str]]:
-    """The frame of ``"0, 0, 150 mm"`` or ``"0, 0, 150 mm, 0, 0, 90 deg"`` (x, y, z, roll, pitch, yaw), as in a file.
-
-    Raises:
-        InputError: not three or six numbers, or one of them without its unit or with the wrong one.
-    """
+    """The frame of ``"0, 0, 150 mm"`` or ``"0, 0, 150 mm, 0, 0, 90 deg"`` (x, y, z, roll, pitch, yaw), as in a file."""
     if text.strip() == "free":
         return "free"
     parts = entries(text)
@@ -121,14 +96,7 @@ def frame_of(option: str, text: str) -> str | dict[str, list[str]]:
 
 
 def columns_of(given: Iterable[str]) -> dict[str, str | int]:
-    """Known column -> header, or number of the column, of ``--column "x=Pos X [mm]"``.
-
-    >>> columns_of(["x=Pos X [mm]", "y=7"])
-    {'x': 'Pos X [mm]', 'y': 7}
-
-    Raises:
-        InputError: no such pair, or two of one name.
-    """
+    """Known column -> header, or number of the column, of ``--column "x=Pos X [mm]"``."""
     found: dict[str, str | int] = {}
     issues: list[Issue] = []
     for text in given:
@@ -143,37 +111,24 @@ def columns_of(given: Iterable[str]) -> dict[str, str | int]:
     return found
 
 
-def payload_of(text: str) -> str:
-    """The mass that ``--payload`` states.
-
-    Raises:
-        InputError: it is no mass.
-    """
+def quantity_of(option: str, text: str, dimension: str = "length") -> float:
+    """The quantity [SI] that an option states."""
     try:
-        parse_quantity(text, "mass")
+        return parse_quantity(text, dimension)
     except BadValueError as error:
-        raise InputError(error.issue(("--payload",), text)) from None
-    return text
+        raise InputError(error.issue((option,), text)) from None
 
 
-def height_of(text: str) -> float:
-    """The height [m] that ``--link-height`` states.
-
-    Raises:
-        InputError: it is no length.
-    """
-    try:
-        return parse_quantity(text, "length")
-    except BadValueError as error:
-        raise InputError(error.issue(("--link-height",), text)) from None
+def distance_of(option: str, text: str) -> float:
+    """A length [m] that is not negative."""
+    value = quantity_of(option, text)
+    if value < 0:
+        raise InputError(Issue("a distance is not negative", (option,), text, "write for example 50 mm"))
+    return value
 
 
 def requested_posture(text: str, robot: Robot) -> dict[str, float]:
-    """Joint name -> value [rad or m] of ``"90 deg, -180 deg"`` or ``"joint1=90 deg, joint2=-180 deg"``.
-
-    Raises:
-        InputError: everything wrong with the posture; the message names the joints that are expected.
-    """
+    """Joint name -> value [rad or m] of ``"90 deg, -180 deg"`` or ``"joint1=90 deg, joint2=-180 deg"``."""
     pairs = [tuple(part.strip() for part in entry.split("=", 1)) for entry in entries(text) if entry]
     by_name = any(len(pair) == 2 for pair in pairs)
     issues: list[Issue] = []
@@ -218,12 +173,7 @@ def _joint_value(pair: tuple[str, ...], robot: Robot, issues: list[Issue]) -> fl
 
 
 def corner(option: str, text: str | None, issues: list[Issue]) -> tuple[float, float, float] | None:
-    """The corner (3,) of a box [m], world frame, that an option states; what is wrong with it is added to ``issues``.
-
-    Args:
-        option: its name, for messages.
-        text: three lengths with units; None where the option is not given.
-    """
+    """The corner (3,) of a box [m], world frame, that an option states."""
     if text is None:
         return None
     parts = entries(text)
@@ -238,18 +188,3 @@ def corner(option: str, text: str | None, issues: list[Issue]) -> tuple[float, f
             Issue(f"a corner has three coordinates, {len(parts)} are given", (option,), text, "0.3 m, 0.1 m, 0.2 m")
         )
     return (values[0], values[1], values[2]) if len(values) == 3 else None
-
-
-def distance_of(option: str, text: str) -> float:
-    """A distance with its unit, as of ``--approach "50 mm"`` [m].
-
-    Raises:
-        InputError: no length, or a negative one.
-    """
-    try:
-        value = parse_quantity(text, "length")
-        if value < 0:
-            raise BadValueError("a distance is not negative", "write for example 50 mm")
-    except BadValueError as error:
-        raise InputError(error.issue((option,), text)) from None
-    return value

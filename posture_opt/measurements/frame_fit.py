@@ -6,56 +6,41 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from posture_opt.measurements.affine_fit import reach
 from posture_opt.measurements.hand_eye import closed_rotations
-from posture_opt.measurements.rotations import rotation_matrices, rotation_vectors
+from posture_opt.measurements.measurements import group_means, reach
+from posture_opt.measurements.rotations import cross_matrices, nearest_rotation, rotation_matrices, rotation_vectors
 from posture_opt.model.chain import factor_values, position_column, rotation_column, walk
 from posture_opt.numerics import Array, Codes, rms_length, stacked_rows
 from posture_opt.robot.robot import Robot
 
+# Standard deviations of lengths, axes and zeros of an arm that nobody calibrated; 1° of a zero set by hand
 _TOLERANCE_M, _TOLERANCE_RAD, _ZERO_RAD = 1e-3, 3e-3, 17e-3
-"""Standard deviations of lengths, axes and zeros of an arm that nobody calibrated; 1° of a zero set by hand."""
+# Standard deviations of a frame that the file states: what a calibration holds undetermined ones by, 10 mm and 1°
 _FRAME_M, _FRAME_RAD = 10e-3, 17e-3
-"""Standard deviations of a frame that the file states: what a calibration holds undetermined ones by, 10 mm and 1°."""
+# Standard deviations of what is free: a base anywhere, a tool as arms carry it
 _FREE_M, _FREE_TOOL_M, _FREE_RAD = 1e3, 0.5, 10.0
-"""Standard deviations of what is free: a base anywhere, a tool as arms carry it."""
-_START_RIDGE = 0.02
-"""Errors of an arm over the length of a tool, by which the start of a tool is held near the flange."""
-_ROUNDS = 5
-"""Gauss-Newton steps; from a closed form, four suffice even for nearly parallel axes."""
-_LEAST_SCATTER = 0.1
-"""Of the stated noise: data that are met more closely have none that could be compared."""
-_STUDENT = 4.0
-"""Degrees of freedom of the Student's t that rows are weighed by, so that gross ones decide nothing."""
+_LEAST_SCATTER = 0.1  # Of the stated noise: data that are met more closely have none that could be compared
 
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """The rows that readings are judged by, and what is known beside them.
+    """The rows that readings are judged by, and what is known beside them."""
 
-    Args:
-        rows: (m,) their indices in the data; commanded, q: (m, n) joint values, without and
-            with what others carry them [rad or m].
-        robot: the nominal arm.
-        position: (m, 3) [m]; rotation: (m, 4) quaternions; None where not measured.
-        axes: (d,) coordinates that were measured; point: (m,) codes of touched points, where no position was.
-        base_free, tool_free: frames of which nothing is known.
-        sigma: of a coordinate [m]; turn: of an orientation [rad]; spare: numbers beyond the unknowns of the frames.
-    """
-
-    rows: Codes
-    robot: Robot
+    rows: Codes  # (m,) their indices in the data
+    robot: Robot  # the nominal arm
+    # commanded, q: (m, n) joint values, without and with what others carry them [rad or m]
     commanded: Array
     q: Array
-    position: Array | None
-    rotation: Array | None
-    axes: Codes
-    point: Codes
+    position: Array | None  # (m, 3) [m]
+    rotation: Array | None  # (m, 4) quaternions; None where not measured
+    axes: Codes  # (d,) coordinates that were measured
+    point: Codes  # (m,) codes of touched points, where no position was
+    # base_free, tool_free: frames of which nothing is known
     base_free: bool
     tool_free: bool
-    sigma: float
-    turn: float
-    spare: int
+    sigma: float  # of a coordinate [m]
+    turn: float  # of an orientation [rad]
+    spare: int  # numbers beyond the unknowns of the frames
 
     @property
     def idle(self) -> set[int]:
@@ -71,36 +56,28 @@ class Sample:
 
 @dataclass(frozen=True)
 class FrameFit:
-    """What the best frames and an arm within tolerances leave.
+    """What the best frames and an arm within tolerances leave."""
 
-    Args:
-        scatter: robust standard deviation of the residuals, in units of the stated one.
-        left: RMS of the positions [m]; turned: of the orientations [rad], 0 without.
-        strain: length of the vector of deviations of parts from nominal, in their standard deviations.
-        shift: how far the tool point comes to lie from where the file starts it [m].
-        scale: factor of the measured lengths.
-    """
-
-    scatter: float
-    left: float
-    turned: float
-    strain: float
-    shift: float
-    scale: float = 1.0
+    scatter: float  # robust standard deviation of the residuals, in units of the stated one
+    left: float  # RMS of the positions [m]
+    turned: float  # of the orientations [rad], 0 without
+    strain: float  # length of the vector of deviations of parts from nominal, in their standard deviations
+    shift: float  # how far the tool point comes to lie from where the file starts it [m]
+    scale: float = 1.0  # factor of the measured lengths
 
 
-def frame_fit(sample: Sample, scaled: bool = False, rounds: int = _ROUNDS) -> FrameFit:
-    """Fit base, tool and the arm within its tolerances; with the ``scaled`` lengths of the instrument too.
-
-    ``m_i = k (B (p_i(x) + R_i(x) t) + b)`` and ``M_i = B R_i(x) T`` by Gauss-Newton in B, b, T, t, x and k, with
-    what is known of frames and parts as a prior, and rows weighed by Student's t.
-    """
+def frame_fit(sample: Sample, scaled: bool = False, rounds: int = 5) -> FrameFit:
+    """Fit base, tool and the arm within its tolerances; with the ``scaled`` lengths of the instrument too."""
+    # ``m_i = k (B (p_i(x) + R_i(x) t) + b)`` and ``M_i = B R_i(x) T`` by Gauss-Newton in B, b, T, t, x and k, with
+    # what is known of frames and parts as a prior, and rows weighed by Student's t
+    # From a closed form, four rounds suffice even for nearly parallel axes.
     state, scatter = _State.of(sample), np.inf
     for _ in range(rounds):
         error, columns = state.residuals(scaled)
         size = np.sqrt(np.sum(error**2, axis=1))
         scatter = max(min(scatter, _robust(size, error.shape[1])), _LEAST_SCATTER)  # never up: weights must settle
-        weight = np.sqrt((_STUDENT + error.shape[1]) / (_STUDENT + (size / scatter) ** 2)) / scatter
+        # Student's t with four degrees of freedom: gross rows decide nothing.
+        weight = np.sqrt((4 + error.shape[1]) / (4 + (size / scatter) ** 2)) / scatter
         A = (columns * weight[:, None, None]).reshape(-1, columns.shape[2])
         H = A.T @ A + np.diag(1 / state.widths(scaled) ** 2)
         g = A.T @ (error * weight[:, None]).ravel() + state.deviations(scaled) / state.widths(scaled) ** 2
@@ -133,7 +110,6 @@ class _State:
 
     @classmethod
     def of(cls, sample: Sample) -> _State:
-        """The nominal arm with the closed-form frames."""
         factors = sample.robot.factors
         own = _own_factors(sample.robot)
         p, R, *_ = _arm_at(sample, np.zeros(len(own)))
@@ -174,7 +150,7 @@ class _State:
         moved = shift + np.cross(turn, lever[:, :, None], axis=1)
         reached = (p + lever) @ self.B.T
         eye = np.broadcast_to(np.eye(3), (n, 3, 3))
-        turned = -_skew(reached)
+        turned = -cross_matrices(reached)
         columns = [eye, turned, self.B @ R, np.zeros((n, 3, 3)), self.B @ moved]
         found = self.scale * (reached + self.b)
         if scaled:
@@ -182,7 +158,7 @@ class _State:
         J, e = self.scale * np.concatenate(columns, axis=2), found - self.measured
         if s.position is None:
             codes = np.unique(s.point, return_inverse=True)[1]
-            J, e = J - _means(J, codes), e - _means(e, codes)
+            J, e = J - group_means(J, codes)[codes], e - group_means(e, codes)[codes]
         J, e = J[:, self.axes] / s.sigma, e[:, self.axes] / s.sigma
         if self.M is None:
             return e, J
@@ -202,7 +178,6 @@ class _State:
 
 
 def _own_factors(robot: Robot) -> list[int]:
-    """The factors that are the arm's own parameters, base and tool left out."""
     named = [f.parameter or "" for f in robot.factors]
     return [i for i, name in enumerate(named) if name and not name.startswith(("base.", "tool."))]
 
@@ -222,7 +197,6 @@ def _arm_at(sample: Sample, x: Array) -> tuple[Array, Array, Array, Array]:
 
 
 def _closed_turns(sample: Sample, p: Array, R: Array, m: Array, M: Array | None) -> tuple[Array, Array, Array]:
-    """Rotations of base and tool, and the tool offset, that suit the nominal arm; none where the file states them."""
     eye, tool = np.eye(3), np.zeros(3)
     base_free, tool_free = sample.base_free and sample.position is not None, sample.tool_free
     if M is not None and base_free and tool_free:
@@ -230,17 +204,18 @@ def _closed_turns(sample: Sample, p: Array, R: Array, m: Array, M: Array | None)
         return Z, X.T, tool
     if M is not None and (base_free or tool_free):
         mean = np.einsum("nij,nkj->ik", M, R) if base_free else np.einsum("nji,njk->ik", R, M)
-        return (_nearest(mean), eye, tool) if base_free else (eye, _nearest(mean), tool)
+        return (nearest_rotation(mean), eye, tool) if base_free else (eye, nearest_rotation(mean), tool)
     B = eye
     for _ in range(10 if base_free else 0):
         reached = p + R @ tool
-        B = _nearest((m - m.mean(axis=0)).T @ (reached - reached.mean(axis=0)))
+        B = nearest_rotation((m - m.mean(axis=0)).T @ (reached - reached.mean(axis=0)))
         if not tool_free:
             break
         rest = m @ B - p
         turned = R - R.mean(axis=0)
         X = turned.reshape(-1, 3)
-        tool = np.linalg.solve(X.T @ X + len(p) * _START_RIDGE**2 * np.eye(3), X.T @ (rest - rest.mean(axis=0)).ravel())
+        # Errors of an arm over the length of a tool hold the start of a tool near the flange.
+        tool = np.linalg.solve(X.T @ X + len(p) * 0.02**2 * np.eye(3), X.T @ (rest - rest.mean(axis=0)).ravel())
     return B, eye, tool
 
 
@@ -251,30 +226,8 @@ def _robust(size: Array, block: int) -> float:
     return float(np.median(size) / np.sqrt(2 * gammaincinv(block / 2, 0.5)))
 
 
-def _nearest(M: Array) -> Array:
-    """The rotation closest to a (3, 3) matrix."""
-    U, _, Vt = np.linalg.svd(M)
-    return np.asarray(U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt)
-
-
 def _turn(w: Array) -> Array:
     """(3, 3) the rotation by a vector w [rad]."""
     from scipy.spatial.transform import Rotation
 
     return np.asarray(Rotation.from_rotvec(w).as_matrix())
-
-
-def _skew(v: Array) -> Array:
-    """(m, 3, 3) matrices [v]× of vectors (m, 3)."""
-    W = np.zeros((len(v), 3, 3))
-    W[:, 2, 1], W[:, 0, 2], W[:, 1, 0] = v.T
-    W[:, 1, 2], W[:, 2, 0], W[:, 0, 1] = -v.T
-    return W
-
-
-def _means(values: Array, codes: Codes) -> Array:
-    """(m, …) of each row the mean of its group."""
-    count = np.bincount(codes)
-    flat = values.reshape(len(values), -1)
-    sums = np.stack([np.bincount(codes, column) for column in flat.T], axis=1) / count[:, None]
-    return np.asarray(sums[codes].reshape(values.shape))

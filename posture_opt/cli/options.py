@@ -1,7 +1,4 @@
-"""Options that several commands share, so that they have one name and one explanation everywhere.
-
-A decorator adds the options to a command, which gets them under their own names or as one object.
-"""
+"""Options that several commands share, so that they have one name and one explanation everywhere."""
 
 from __future__ import annotations
 
@@ -13,7 +10,7 @@ from typing import Any
 
 import click
 
-from posture_opt.cli.asked.named_values import PATH, PROBLEM, ROBOT, TASK
+from posture_opt.cli.completion import PATH, PROBLEM, ROBOT, TASK
 
 Command = Callable[..., Any]
 FRAME_HELP = '"0, 0, 150 mm" or, with roll, pitch, yaw, "0, 0, 150 mm, 0, 0, 90 deg".'
@@ -21,18 +18,7 @@ FRAME_HELP = '"0, 0, 150 mm" or, with roll, pitch, yaw, "0, 0, 150 mm, 0, 0, 90 
 
 @dataclass(frozen=True)
 class Common:
-    """What every computing command can be given; the defaults are those of the command line.
-
-    Args:
-        out: folder for JSON, figures and report; None writes nothing.
-        json: print the document and nothing else.
-        seed: of everything random; None takes that of the problem.
-        workers: processes.
-        quiet: print neither report nor progress.
-        plots: draw figures into ``out``.
-        debug: show the traceback of an error.
-        full: print the whole report, not one screen of it.
-    """
+    """What every computing command can be given; the defaults are those of the command line."""
 
     out: Path | None = None
     json: bool = False
@@ -93,10 +79,7 @@ def problem_options(command: Command) -> Command:
 
 
 def task_options(command: Command) -> Command:
-    """Adds the options that name a task and its target; the command gets them by their names, as text.
-
-    Their quantities are read with the problem, so that errors name the option, the value and the robot's frame.
-    """
+    """Adds the options that name a task and its target; the command gets them by their names, as text."""
     return add_options(
         command,
         click.option("--task", type=TASK, metavar="KIND", help="insert, drill, probe, …: see the command 'list'."),
@@ -120,10 +103,7 @@ def posture_option(command: Command) -> Command:
 
 
 def add_options(command: Command, *options: Callable[[Command], Command]) -> Command:
-    """A command with options, which its help lists in this order.
-
-    click lists the option that is added last first: they are added from the end.
-    """
+    """A command with options, which its help lists in this order."""
     for option in reversed(options):  # click shows the option that is added last at first
         command = option(command)
     return command
