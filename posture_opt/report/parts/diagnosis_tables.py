@@ -167,14 +167,11 @@ def _choices(head: str, choices: Mapping[str, Choice], clearance: float | None) 
 
 def candidates_table(found: Diagnosis) -> Table:
     """The best candidates on the calibrated arm alone: share of the squares, share left by geometry, p-value."""
-    rows = tuple(
-        (
-            *(j.candidate.what.label, "yes" if j.candidate.named else "no"),
-            *(percent(j.share), percent(j.rho), p_value(j.p_value)),
-        )
-        for j in found.search.scored[:8]
-    )
-    return Table(("candidate", "in the catalogue", "explains", "not absorbed", "p-value"), rows, text_columns=2)
+    rows = []
+    for j in found.search.scored[:8]:
+        named = "yes" if j.candidate.named else "no"
+        rows.append((j.candidate.what.label, named, percent(j.share), percent(j.rho), p_value(j.p_value)))
+    return Table(("candidate", "in the catalogue", "explains", "not absorbed", "p-value"), tuple(rows), text_columns=2)
 
 
 def split_tables(found: Diagnosis, plan: DiscriminationPlan) -> tuple[Table, ...]:

@@ -237,16 +237,13 @@ def coverage_block(found: SpreadCheck) -> Block:
       scale by: factor on all standard deviations that would make it true, with its interval.
     """
     how = "Each row is compared with the region that a fit without it predicts for its posture, instrument included."
-    rows = tuple(
-        (
-            *(MODEL_NAMES[name], percent(c.share)),
-            *(" to ".join(map(percent, ends)) for ends in (c.interval, c.expected)),
-            *(number(c.factor), " to ".join(map(number, c.factor_interval))),
-        )
-        for name, c in found.coverage.items()
-    )
+    rows = []
+    for name, c in found.coverage.items():
+        shares = (" to ".join(map(percent, ends)) for ends in (c.interval, c.expected))
+        factors = number(c.factor), " to ".join(map(number, c.factor_interval))
+        rows.append((MODEL_NAMES[name], percent(c.share), *shares, *factors))
     headers = ("95 % region", "contains", "95 % interval", "if correct", "scale by", "95 % interval")
-    return Block("Coverage of the predicted spread", (how, Table(headers, rows)), "truth_coverage")
+    return Block("Coverage of the predicted spread", (how, Table(headers, tuple(rows))), "truth_coverage")
 
 
 def predicted_repeats_block(found: SpreadCheck) -> Block:

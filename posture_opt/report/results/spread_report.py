@@ -200,7 +200,9 @@ class CloudPresenter(Presenter["Cloud"]):
         posture, point, *_ = spread_facts(cloud.spread)
         sizes = lengths([math.sqrt(max(float(v), 0.0)) for v in cloud.eigenvalues[::-1]])
         facts = (
-            *(posture, point, ("Standard deviations", sizes)),
+            posture,
+            point,
+            ("Standard deviations", sizes),
             ("Ratio to the closed form", ", ".join(fixed(float(ratio), 4) for ratio in cloud.ratio[::-1])),
             ("In its 95 % region", f"{100 * cloud.coverage95:.2f} % (sampling interval {low:.2f} to {high:.2f} %)"),
             *([] if cloud.success is None else [("Within the clearance", f"{100 * cloud.success:.2f} %")]),
