@@ -1,10 +1,4 @@
-"""A MoveIt planning scene, ``*.scene``, as obstacles.
-
-Each object is ``* NAME``, its pose since MoveIt 1.1 (position, then a quaternion x y z w), the number of shapes, and
-for each a word, its sizes, its pose and a colour; then the number of its subframes since MoveIt 1.1, with a name and a
-pose each. A line ``.`` ends the file. Lengths in m.
-Source: MoveIt, planning_scene.cpp (saveGeometryToStream), geometric_shapes, shape_operations.cpp (saveAsText).
-"""
+"""A MoveIt planning scene, ``*.scene``, as obstacles."""
 
 from __future__ import annotations
 
@@ -54,7 +48,6 @@ class _SceneReader:
     names: list[str] = field(default_factory=list)
 
     def obstacles(self) -> Iterator[Obstacle]:
-        """Every shape of every object."""
         self._line()  # the name of the scene
         while (line := self._line()) != ".":
             if not line.startswith("*"):

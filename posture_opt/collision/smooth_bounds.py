@@ -1,14 +1,4 @@
-"""Smooth lower bounds of the distance of a capsule to a solid, as expressions for a nonlinear program.
-
-The least squared distance of a segment ``a + s u`` to a convex solid is that of a convex function of the share s, but
-its gradient jumps where the segment is parallel to a face or to another segment. So ``ε s (s − 1) ≤ 0`` is added before
-the least is taken: the sum has one minimiser, its least value is differentiable (Danskin 1967), never above the true
-one, and below it by ``ε/4`` at most for each share. `BOUND_SLACK_M` says what that may cost of the distance.
-
-Minimisers are found without a derivative. With the derivative ``g`` and the second derivative ``h`` of the function
-along the segment, ``F − g²/2h`` is the least value, as g is zero there; and its first and second derivatives in the
-joint values are those of the least value too, with far fewer operations than through the minimiser.
-"""
+"""Smooth lower bounds of the distance of a capsule to a solid, as expressions for a nonlinear program."""
 
 from __future__ import annotations
 
@@ -54,13 +44,6 @@ def point_bound(start: ca.SX, along: ca.SX, length: float, point: Sequence[float
     s = _settled(_clipped_share(-ca.dot(along, w) / size))
     nearest = w + s * along
     return _bounded_root(_least_value(ca.sumsqr(nearest), s, ca.dot(nearest, along), ca.SX(size))) - radius
-
-
-def half_space_bounds(start: ca.SX, along: ca.SX, normal: Sequence[float], offset: float, radius: float) -> list[ca.SX]:
-    """Heights of a capsule's ends over ``normal · x = offset`` [m]; one where they are the same."""
-    n = ca.DM(list(normal))
-    ends = [start, start + along] if not along.is_zero() else [start]
-    return [ca.dot(n, end) - offset - radius for end in ends]
 
 
 def box_bound(start: ca.SX, along: ca.SX, half: Sequence[float], radius: float) -> ca.SX:

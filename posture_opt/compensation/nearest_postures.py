@@ -42,7 +42,7 @@ class Poses:
 
 @dataclass(frozen=True, eq=False)
 class Misses:
-    """What N postures miss of their poses: wanted minus reached."""
+    """Wanted minus reached poses of N postures."""
 
     position: Array  # (N, 3) of the tool point [m], world
     # (N, 3) rotation vectors [rad], world, that turn the reached orientation into the wanted one; where the tool axis
@@ -77,8 +77,7 @@ class NearestPostures:
 
     def misses(self, q: Array, wanted: Poses) -> Misses:
         """What postures (N, n) [rad or m] miss of N wanted poses."""
-        T = np.asarray(self._arm.pose(q), dtype=float)
-        return pose_misses(T, wanted)
+        return pose_misses(np.asarray(self._arm.pose(q), dtype=float), wanted)
 
     def solve(self, wanted: Poses, near: Array, start: Array | None = None) -> Array:
         """``min |q − near|²`` with ``f(q) = pose`` and limits (N, n) [rad or m]; rows that diverge are fitted one by

@@ -86,31 +86,26 @@ class Mesh(PlacedObstacle):
         return xyz_rpy(T)[1]
 
     def smaller(self, by: Size) -> Self:
-        """The same with every box smaller by ``by`` [m] on all sides."""
         found = self.model_copy()
         found._less = self._less + by
         return found
 
     @property
     def half_thickness(self) -> float:
-        """Half of the shortest edge of a box [m]."""
         return min(float(box.size.min()) for box in self.enclosed.boxes) / 2
 
     def distance(self, start: Array, end: Array) -> Array:
-        """(...) exact distance of segments (..., 3) to the boxes [m], world; zero where they touch one."""
         return np.asarray(np.min([part.distance(start, end) for part in self.parts], axis=0))
 
     def extent(self, direction: Array) -> float:
-        """Greatest coordinate of the boxes along a unit vector (3,), world [m]."""
         return max(part.extent(direction) for part in self.parts)
 
     def facets(self, lower: Array, upper: Array) -> Array:
-        """(k, 4, 3) the faces of the mesh [m], world; the last corner of each is there twice."""
+        """(k, 4, 3) faces of the mesh [m], world; the last corner of each is there twice."""
         placed = finer(coarser(self.enclosed.triangles, 6000)) @ self.rotation.T + np.array(  # faces of a drawing
             self.xyz, dtype=float
         )
         return np.concatenate([placed, placed[:, -1:]], axis=1)
 
     def bounds(self, start: ca.SX, along: ca.SX, length: float, radius: float) -> list[ca.SX]:
-        """A smooth lower bound of the distance of a capsule [m] to each box."""
         return [bound for part in self.parts for bound in part.bounds(start, along, length, radius)]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -31,17 +31,16 @@ _MODELS = {
 
 
 def model_name(name: str) -> str:
-    """A model of an arm in a sentence."""
     return _MODELS.get(name, f"the model {name}")
 
 
 def comparison_statements(found: Comparison) -> tuple[Statement, ...]:
-    """All of them: of models of one arm what planning with the reference gains, of arms which is best."""
+    """Statements of models of one arm, or of several arms."""
     return plan_statements(found) if found.reference else (*_arms(found), *_cross(found), *found.notes)
 
 
 def plan_statements(found: Comparison | None) -> tuple[Statement, ...]:
-    """What models of one arm mean for its task, also inside a calibration or a diagnosis; nothing without a task."""
+    """What models of one arm mean for its task, also inside a calibration or a diagnosis."""
     if found is None:
         return ()
     if not found.answers_task(found.reference):
@@ -84,7 +83,7 @@ def _posture(found: Comparison) -> list[Statement]:
 
 
 def judged_by_reference(found: Comparison) -> PredictedError:
-    """What the reference predicts of its own posture."""
+    """The reference's prediction of its own posture."""
     return found.answers[found.reference].judged[found.reference].worst
 
 
@@ -149,16 +148,13 @@ def _arms(found: Comparison) -> list[Statement]:
         state("selection.arm-cannot", name, reason=next(iter(arm.reasons), "no posture was found"))
         for name, arm in found.arms.items() if name not in answered
     ]  # fmt: skip
-    return [*said, *_each_once(one for arm in answered.values() if arm.answer is not None
-                               for one in arm.answer.problem.scene.statements(arm.answer.postures))]  # fmt: skip
-
-
-def _each_once(statements: Iterable[Statement]) -> Iterable[Statement]:
-    return {one.text: one for one in statements}.values()
+    answers = [arm.answer for arm in answered.values() if arm.answer is not None]
+    cautions = [one for answer in answers for one in answer.problem.scene.statements(answer.postures)]
+    return [*said, *{one.text: one for one in cautions}.values()]
 
 
 def is_other_arm(found: Comparison, name: str, judge: str) -> bool:
-    """Whether the posture of one arm means nothing to the other: it misses by far more than the arm errs."""
+    """Whether the posture of one arm misses on the other by far more than the arm errs."""
     arm = found.arms[name]
     return judge in arm.judged and arm.judged[judge].distance > 100.0 * arm.judged[name].critical_error
 
@@ -192,7 +188,7 @@ class ComparedAnswer:
 
     @property
     def stations(self) -> tuple[Solution, ...]:
-        """The postures of the answer: one, one a feature, or one a listed point of a path."""
+        """One posture, one a feature, or one a listed point of a path."""
         return () if self.answer is None else self.answer.stations
 
     @property
@@ -201,7 +197,6 @@ class ComparedAnswer:
         return max(station.critical.sigma_max for station in self.stations)
 
     def to_json(self) -> dict[str, Any]:
-        """The document of this answer: SI units and radians."""
         if self.answer is None:
             return {"status": "infeasible", "reasons": list(self.reasons)}
         return {
@@ -213,7 +208,7 @@ class ComparedAnswer:
         }
 
     def judged_json(self, reference: str) -> dict[str, Any] | None:
-        """The one posture, the σ that its model predicts, and what the reference predicts; None without a posture."""
+        """The one posture, the σ that its model predicts [m], and the reference's prediction; None without one."""
         if self.answer is None:
             return None
         (station,), predicted = self.stations, self.judged[reference].worst

@@ -1,7 +1,4 @@
-"""``NeighbourExchange``: targets of a map take over postures from each other, in rounds, until none becomes better.
-
-The best posture jumps from one branch to another between two neighbours: a branch that random starts missed spreads.
-"""
+"""``NeighbourExchange``: targets of a map take over postures from each other, in rounds, until none becomes better."""
 
 from __future__ import annotations
 
@@ -58,7 +55,7 @@ def worked_on(
 
 @dataclass(frozen=True)
 class NeighbourExchange:
-    """Targets with the engines that solve them; ``candidates`` are the best ones known, replaced in place."""
+    """Targets with the engines that solve them; ``candidates`` are replaced in place."""
 
     engines: Sequence[Engine]  # N, one for each of targets; many share one
     targets: Sequence[TaskTarget]
@@ -74,7 +71,7 @@ class NeighbourExchange:
     bends: list[float] = field(default_factory=list)
 
     def spread(self, fresh: set[int]) -> None:
-        """Exchange postures, those of ``fresh`` targets first, until no target becomes better."""
+        """Exchange postures, ``fresh`` ones first, until no target becomes better."""
         rounds = 0
         while fresh:
             learnt = [self._learn(fresh, pairs) for pairs in (self.neighbourhood.on_grid, self.neighbourhood.turned)]
@@ -87,7 +84,7 @@ class NeighbourExchange:
         return self.neighbourhood.excess(np.array(best))
 
     def _learn(self, fresh: set[int], pairs: Sequence[Pairs]) -> set[int]:
-        """Try the postures of ``fresh`` neighbours; the targets that became better."""
+        """Targets that became better by the postures of ``fresh`` neighbours."""
         starts = self._starts(fresh, pairs, others=True)
         # In a random order, so that what falls short is soon seen all over the map.
         order, first = np.random.default_rng(0).permutation(list(starts)).tolist(), 8 * CHUNK
@@ -113,7 +110,7 @@ class NeighbourExchange:
         return better
 
     def _try_around(self, fresh: set[int], rounds: int) -> set[int]:
-        """Look for postures of targets without one about those of ``fresh`` neighbours; those that have one now."""
+        """Targets without a posture that have one now, sought about those of ``fresh`` neighbours."""
         starts = self._starts(fresh, self.neighbourhood.pairs, empty=True)
 
         def item(k: int) -> NeighbourStarts:

@@ -16,7 +16,7 @@ Pairs = tuple[Codes, Codes]
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """Targets in a line with two others, which let expect a value of theirs."""
+    """Targets in a line with two others, which predict a value of theirs."""
 
     at: Codes  # (N,) targets; first and second (N,) two others each in one line with them
     first: Codes
@@ -26,7 +26,7 @@ class Line:
 
 @dataclass(frozen=True, eq=False)
 class BaseMotion:
-    """What joint 1 does to the whole arm: a turn about, or a shift along, a line that is fixed in the world."""
+    """Motion of the whole arm by joint 1: about, or along, a line that is fixed in the world."""
 
     axis: Array  # (3,) unit vector, world. frame: (3, 2) two unit vectors across it. point: (3,) on it [m]
     frame: Array
@@ -52,7 +52,7 @@ class BaseMotion:
         return cls(axis, frame, point, slides, float(joint.lower), float(joint.upper))
 
     def keeps(self, direction: Array) -> bool:
-        """Whether a direction (3,) is the same one after the motion."""
+        """Whether a direction (3,) stays."""
         return self.slides or float(np.linalg.norm(np.cross(self.axis, direction))) < 1e-6  # rad
 
     def split(self, points: Array) -> tuple[Array, Array]:
@@ -98,11 +98,10 @@ class Neighbourhood:
 
     @property
     def pairs(self) -> tuple[Pairs, ...]:
-        """All of them."""
         return *self.on_grid, *self.turned
 
     def distance(self, there: int, here: int) -> float:
-        """How far inverse kinematics has to lead the posture of one target to serve another [m]."""
+        """Distance that inverse kinematics leads a posture from one target to another [m]."""
         return float(np.linalg.norm(self.kept[here] - self.kept[there]))
 
     def carried(self, Q: Array, there: Codes, here: Codes) -> Array:
@@ -132,7 +131,7 @@ def _lines(count: int, here: Codes, there: Codes) -> list[Line]:
 
 
 def _nearest(kept: Array) -> list[Pairs]:
-    """Targets that follow each other in the order by what the motion keeps (N, 2): at one height, by radius."""
+    """Targets that follow each other at one height by radius, in ``kept`` (N, 2)."""
     slack = 1e-9 + 1e-6 * float(np.max(np.abs(kept)))
     height = np.round(kept[:, 1] / slack)
     order = np.lexsort((np.round(kept[:, 0] / slack), height))

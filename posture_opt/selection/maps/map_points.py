@@ -36,7 +36,6 @@ class MapCandidate:
     scale: float  # variance [m²] that its objective is divided by; NaN where no start arrived
 
     def packed(self) -> PackedRow:
-        """Numbers and text, to be sent to another process or written to a checkpoint."""
         c = self.best
         if c is None:
             return [self.status, self.scale]
@@ -56,7 +55,7 @@ class MapCandidate:
 
 @dataclass(frozen=True)
 class NeighbourSolves:
-    """What targets learnt from postures of their neighbours."""
+    """What targets learnt from their neighbours."""
 
     again: int  # targets with a posture that were solved again, because a neighbour's was another one or they stood out
     better: int  # those of them that became better by it
@@ -85,7 +84,6 @@ class MapPoint:
 
     @property
     def feasible(self) -> bool:
-        """Whether there is a posture."""
         return self.status == "feasible"
 
     def packed(self) -> PackedRow:

@@ -182,12 +182,11 @@ def colliding(scene: Scene, candidates: Sequence[MapCandidate], workers: Workers
 
 @recorded(lambda scene, Q: (bool,) * len(Q))
 def _clear(scene: Scene, Q: Array) -> list[bool]:
-    """Of each posture of Q (N, n) whether it is clear."""
     return [bool(yes) for yes in is_clear(scene, Q)]
 
 
 def in_the_way(scene: Scene, q: Array) -> str:
-    """The obstacle that a colliding posture (n,) meets most; ``self-collision`` where it meets the arm itself."""
+    """Name of the obstacle that a colliding posture (n,) meets most, or ``self-collision``."""
     k = int(np.argmin(scene.distances(q)[0] - np.array(scene.required)))
     return SELF_COLLISION if k < len(scene.own) else scene.pairs[k][1]
 

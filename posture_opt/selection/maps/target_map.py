@@ -110,7 +110,6 @@ class TargetMap(Result):
         return self._extreme(-1)
 
     def _extreme(self, sign: int) -> int:
-        """Number of the target with the least (sign 1) or largest (−1) spread."""
         values = np.where(self.feasible, sign * self.sigma, np.inf)
         ties = np.flatnonzero(values <= values.min() + 1e-6 * abs(values.min()))  # of σ
         # Of equal targets the one nearest to the middle of the map.
@@ -238,7 +237,6 @@ def _confirmed_targets(
     engine_of: Callable[[TaskTarget, bool], Engine], targets: Sequence[TaskTarget],
     candidates: Sequence[MapCandidate], named: Iterable[int], scene: Scene,
 ) -> tuple[dict[int, MapCandidate], Confirmation | None]:  # fmt: skip
-    """Better candidates by number after IPOPT started at the named ones, and its word on all of them."""
     better: dict[int, MapCandidate] = {}
     every: list[Confirmation | None] = []
     for k in dict.fromkeys(named):
@@ -256,7 +254,6 @@ def _confirmed_targets(
 
 
 def _parts(progress: Progress | None, count: int, cell: bool) -> list[Progress | None]:
-    """Progress of search, clearance and spread as parts of the whole, about as long as each takes."""
     ends = np.cumsum([0, count, 4 * count if cell else 0, count // 3]).tolist()
 
     def part(begin: int, end: int) -> Progress | None:
@@ -308,7 +305,7 @@ def _nowhere(map_points: list[MapPoint]) -> str:
 
 
 def map_statements(found: TargetMap) -> tuple[Statement, ...]:
-    """All of them, the best target first."""
+    """All statements, the best target first."""
     best, worst, Q = found.best, found.worst, found.postures[found.feasible]
     part = part_words(found.within, found.optimisation_problem.task.kind)
     return (
