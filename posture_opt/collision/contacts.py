@@ -12,7 +12,7 @@ import numpy as np
 from posture_opt.collision.obstacles import Obstacle
 from posture_opt.collision.obstacles.obstacle import LEAST_LENGTH_M, SIGNED_DISTANCE_C, SIZE
 from posture_opt.collision.placed_capsules import PlacedCapsules
-from posture_opt.model.row_loop import RowLoop
+from posture_opt.model.compiled import RowLoop
 from posture_opt.numerics import Array
 
 POINTS = 5

@@ -11,7 +11,7 @@ from posture_opt.collision.obstacles import Obstacle
 from posture_opt.collision.placed_capsules import PlacedCapsules
 from posture_opt.collision.segment_distances import to_segment
 from posture_opt.numerics import Array, Json, Mask
-from posture_opt.robot.joint_ranges import drawn_between
+from posture_opt.robot.posture import drawn_between
 
 
 class Nearest(NamedTuple):

@@ -19,8 +19,8 @@ from posture_opt.measurements.table import TableLike
 from posture_opt.model.arm import Arm
 from posture_opt.model.reach_bound import stretched
 from posture_opt.numerics import Array, Mask
-from posture_opt.selection.answer.held_joints import with_held_joints
 from posture_opt.selection.problem_data import ProblemData
+from posture_opt.selection.program.optimisation_problem import with_held_joints
 from posture_opt.uncertainty.spread.joint_digits import joint_digits
 from posture_opt.units import number
 

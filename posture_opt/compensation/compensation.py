@@ -16,15 +16,15 @@ from posture_opt.collision.scene import scene_statements
 from posture_opt.compensation.expected_miss import ExpectedMiss, sided_joints
 from posture_opt.compensation.nearest_postures import Poses
 from posture_opt.compensation.targets import Targets
-from posture_opt.csv_text import csv_line
 from posture_opt.numerics import Array, Json, Mask, rms
 from posture_opt.result import Result
 from posture_opt.robot.robot import Joint
-from posture_opt.selection.answer.arm_statements import beyond_measured, free_frames
-from posture_opt.selection.answer.configurations import configurations
+from posture_opt.selection.answer.other_postures import configurations
+from posture_opt.selection.answer.solution_statements import beyond_measured, free_frames
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.statements import Quantity, Statement, state
 from posture_opt.statements.notation import listed_lines
+from posture_opt.texts import csv_line
 from posture_opt.uncertainty.spread.joint_digits import JointDigits
 from posture_opt.units import fixed
 

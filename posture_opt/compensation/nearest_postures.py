@@ -9,7 +9,7 @@ import numpy as np
 from posture_opt.model.arm import Arm
 from posture_opt.model.reach_bound import stretched
 from posture_opt.numerics import Array, Mask
-from posture_opt.robot.joint_ranges import drawn_between
+from posture_opt.robot.posture import drawn_between
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.program.task_target import Reach
 

@@ -14,14 +14,13 @@ from posture_opt.compensation.task_postures import Found, TaskPostures
 from posture_opt.errors import InputError, NoSolutionError
 from posture_opt.model.arm import Arm
 from posture_opt.numerics import Array
-from posture_opt.robot.joint_ranges import drawn_between
+from posture_opt.robot.posture import drawn_between
 from posture_opt.robot.robot import Robot
-from posture_opt.selection.answer.configurations import configurations
+from posture_opt.selection.answer.other_postures import configurations
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.problem_data import ProblemData
-from posture_opt.selection.program.pose_request import PoseRequest
 from posture_opt.selection.program.task_target import spin_axis
-from posture_opt.selection.search.inverse_kinematics import InverseKinematics
+from posture_opt.selection.search.inverse_kinematics import InverseKinematics, PoseRequest
 from posture_opt.selection.select_posture import select_posture
 from posture_opt.selection.tasks import Task
 from posture_opt.statements import Statement, state

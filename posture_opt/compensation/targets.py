@@ -10,12 +10,11 @@ import numpy as np
 from posture_opt.limits import MOST_COMPENSATED
 from posture_opt.measurements.columns import AXES, Cells, Column, check_inputs, read_cells
 from posture_opt.measurements.data_section import DataSpec
-from posture_opt.measurements.faults import Faults
 from posture_opt.measurements.header import column_kinds, known_columns
 from posture_opt.measurements.measurements import nominal_poses, still_axes
 from posture_opt.measurements.orientation_columns import incomplete_orientation, is_oriented, orientation_of
 from posture_opt.measurements.rotations import rotation_matrices
-from posture_opt.measurements.table import TableLike, open_table
+from posture_opt.measurements.table import Faults, TableLike, open_table
 from posture_opt.numerics import Array, Codes
 from posture_opt.robot.robot import Robot
 

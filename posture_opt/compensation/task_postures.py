@@ -12,8 +12,8 @@ from posture_opt.collision.scene import Scene
 from posture_opt.errors import NoSolutionError
 from posture_opt.model.reach_bound import stretched
 from posture_opt.numerics import Array, Codes, Mask
-from posture_opt.robot.joint_ranges import drawn_between
-from posture_opt.selection.answer.configurations import configurations
+from posture_opt.robot.posture import drawn_between
+from posture_opt.selection.answer.other_postures import configurations
 from posture_opt.selection.answer.selector import PostureSelector
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.problem_data import ProblemData
@@ -23,7 +23,7 @@ from posture_opt.selection.search.engine import Engine
 from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE, TOLERANCE
 from posture_opt.selection.search.search_outcome import DISTANCE_ROUNDING, is_clear
 from posture_opt.selection.tasks.custom import Custom
-from posture_opt.selection.tasks.direction import Direction
+from posture_opt.selection.tasks.workpiece import Direction
 from posture_opt.selection.terms.near_posture import NearPosture
 from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.uncertainty.spread.task_spread import across_basis

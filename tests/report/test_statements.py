@@ -12,7 +12,7 @@ import pytest
 
 import posture_opt as po
 from posture_opt.collision.scene import Scene, scene_statements
-from posture_opt.report.text.lead import fits, lead
+from posture_opt.report.text.blocks import fits, lead
 from posture_opt.result import Result
 from posture_opt.selection.paths.motion import PathBreak
 from posture_opt.selection.search.relaxation import Reason, Relaxation

@@ -10,7 +10,7 @@ import pytest
 
 import posture_opt as po
 from posture_opt.errors import InputError, NoSolutionError
-from posture_opt.report.parts.path_parts import points_block
+from posture_opt.report.parts.posture_parts import points_block
 from posture_opt.report.text.blocks import Table
 from posture_opt.selection.paths.joint_steps import JointSteps, StepGraph
 from posture_opt.selection.paths.task_path import TaskPath, between, tangents

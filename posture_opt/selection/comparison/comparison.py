@@ -15,10 +15,10 @@ from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.answer.solution_statements import NO_GAIN, part_of
 from posture_opt.selection.comparison.predicted_error import JudgedAnswer, PredictedError
 from posture_opt.selection.problem_data import ProblemData
-from posture_opt.selection.search.clusters import clusters
+from posture_opt.selection.search.engine import clusters
 from posture_opt.statements import Quantity, Statement, state
 from posture_opt.statements.notation import joint_value
-from posture_opt.uncertainty.spread.conditions import conditions
+from posture_opt.uncertainty.sources.source_names import conditions
 
 FIRST = "nominal"
 """The model that others are compared with: the one before calibration."""

@@ -10,8 +10,8 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from posture_opt.numerics import Array, Json, finite_or_none
-from posture_opt.selection.answer.end_moments import end_moments, success_with_peg
-from posture_opt.selection.answer.solution import critical_basis
+from posture_opt.selection.answer.other_postures import end_moments, success_with_peg
+from posture_opt.selection.answer.target_answer import critical_basis
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.engine import CandidatePosture, Engine

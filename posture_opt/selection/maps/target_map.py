@@ -15,24 +15,27 @@ from posture_opt.errors import NoSolutionError
 from posture_opt.interrupts import interruptible
 from posture_opt.numerics import Array, Json, Mask, Progress
 from posture_opt.result import Result
-from posture_opt.robot.joint_ranges import drawn_between
-from posture_opt.selection.answer.arm_statements import beyond_measured, free_frames
-from posture_opt.selection.answer.confirmation_statement import confirmed
-from posture_opt.selection.answer.fallbacks import with_fallbacks
+from posture_opt.robot.posture import drawn_between
 from posture_opt.selection.answer.selector import PostureSelector
-from posture_opt.selection.answer.solution_statements import NO_GAIN, free_joints
+from posture_opt.selection.answer.solution_statements import (
+    NO_GAIN,
+    beyond_measured,
+    confirmed,
+    free_frames,
+    free_joints,
+)
 from posture_opt.selection.maps.grid_layout import Grid, GridRequest, Plane, grid_of
 from posture_opt.selection.maps.map_exchange import worked_on
 from posture_opt.selection.maps.map_neighbours import Neighbourhood
 from posture_opt.selection.maps.map_points import MapCandidate, MapPoint, NeighbourSolves, packed_points
 from posture_opt.selection.maps.map_search import best_candidates, clear_candidates, in_the_way
-from posture_opt.selection.problem_data import ProblemData
+from posture_opt.selection.problem_data import ProblemData, with_fallbacks
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.registered_tasks import part_words
 from posture_opt.selection.search.confirmation import UNCONFIRMED_JSON, Confirmation, joined_confirmation
-from posture_opt.selection.search.confirmed_posture import confirmed as confirmed_posture
 from posture_opt.selection.search.engine import Engine
+from posture_opt.selection.search.search_outcome import confirmed as confirmed_posture
 from posture_opt.statements import Quantity, Statement, state
 from posture_opt.statements.notation import place
 from posture_opt.workers import Executor, Workers, opened

@@ -12,9 +12,8 @@ from posture_opt.selection.paths.motion import Motion
 from posture_opt.selection.paths.motion_search import MotionSearch
 from posture_opt.selection.paths.path_candidates import PathCandidates, held
 from posture_opt.selection.paths.task_path import TaskPath, stacked
-from posture_opt.selection.program.pose_request import PoseRequest
 from posture_opt.selection.program.task_target import TaskTarget
-from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE, TOLERANCE
+from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE, TOLERANCE, PoseRequest
 from posture_opt.selection.search.search_outcome import is_clear
 
 MAX_SEARCHED_POINTS = 200

@@ -11,10 +11,9 @@ from posture_opt.collision.scene import Scene
 from posture_opt.numerics import Array, Progress
 from posture_opt.selection.paths.joint_steps import JointSteps
 from posture_opt.selection.paths.task_path import stacked
-from posture_opt.selection.program.pose_request import PoseRequest, held_request
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.engine import Engine
-from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE, TOLERANCE
+from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE, TOLERANCE, PoseRequest, held_request
 from posture_opt.selection.search.multistart import feasible_starts
 from posture_opt.selection.search.search_outcome import is_clear
 from posture_opt.workers import Serial, Workers

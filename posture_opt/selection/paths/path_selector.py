@@ -15,10 +15,10 @@ from posture_opt.errors import InputError, Issue, NoSolutionError
 from posture_opt.numerics import Array, DerivedAgain, Progress
 from posture_opt.selection.answer.infeasible import infeasible
 from posture_opt.selection.answer.infeasible_stations import explain_stations
-from posture_opt.selection.answer.placement import PlacementRange
+from posture_opt.selection.answer.placement import Placement, PlacementFigure, PlacementRange
 from posture_opt.selection.answer.selector import PostureSelector, task_of
-from posture_opt.selection.answer.shared_placement import Placement, PlacementFigure
-from posture_opt.selection.answer.solution import Solution, Status
+from posture_opt.selection.answer.solution import Solution
+from posture_opt.selection.answer.target_answer import Status
 from posture_opt.selection.paths.joint_steps import JointSteps
 from posture_opt.selection.paths.knots import MAX_SEARCHED_POINTS, along_all, knots_of, motions_at_knots
 from posture_opt.selection.paths.motion import Motion, TimeLaw, off_lines, step_bounds
@@ -29,11 +29,10 @@ from posture_opt.selection.paths.task_path import TaskPath
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.batches import usual_starts
-from posture_opt.selection.search.change import Change, with_changes
 from posture_opt.selection.search.engine import Engine
 from posture_opt.selection.search.multistart import Sampled, multistart
-from posture_opt.selection.search.relaxation import Reason
-from posture_opt.selection.search.search_statistics import SearchStatistics
+from posture_opt.selection.search.relaxation import Change, Reason, with_changes
+from posture_opt.selection.search.search_outcome import SearchStatistics
 from posture_opt.selection.stations.placed_stations import PlacedStations
 from posture_opt.selection.stations.placement_search import search_placement
 from posture_opt.selection.stations.stations_problem import StationsPoint

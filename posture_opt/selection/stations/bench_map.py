@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from posture_opt.numerics import Array
-from posture_opt.selection.answer.combine import combined_sigma
-from posture_opt.selection.answer.shared_placement import Placement
+from posture_opt.selection.answer.placement import Placement, combined_sigma
 from posture_opt.selection.stations.placed_stations import PlacedStations, Postures
 
 

@@ -15,15 +15,21 @@ from posture_opt.errors import NoSolutionError
 from posture_opt.numerics import Array, Json
 from posture_opt.selection.answer.infeasible import SEARCH, first_that_does, words_of
 from posture_opt.selection.answer.infeasible_stations import explain_stations
-from posture_opt.selection.answer.placement import COORDINATES, PlacementRange
+from posture_opt.selection.answer.placement import COORDINATES, PlacementRange, PlacementStatistics
 from posture_opt.selection.answer.selector import PostureSelector
-from posture_opt.selection.answer.shared_placement import PlacementStatistics
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.search.batches import usual_starts
-from posture_opt.selection.search.change import Change, ChangedValue, rounded, with_changes
 from posture_opt.selection.search.multistart import multistart
-from posture_opt.selection.search.relaxation import Reason, Relaxation, shown
+from posture_opt.selection.search.relaxation import (
+    Change,
+    ChangedValue,
+    Reason,
+    Relaxation,
+    rounded,
+    shown,
+    with_changes,
+)
 from posture_opt.selection.stations.bench_map import PlacementOnBench
 from posture_opt.selection.stations.placed_stations import PlacedStations
 from posture_opt.selection.tasks import Task

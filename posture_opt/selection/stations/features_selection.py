@@ -12,16 +12,14 @@ import numpy as np
 
 from posture_opt.errors import InputError, Issue, NoSolutionError
 from posture_opt.numerics import Array, Progress
-from posture_opt.selection.answer.fallbacks import with_fallbacks
-from posture_opt.selection.answer.placement import PlacementRange
+from posture_opt.selection.answer.placement import PlacementFigure, PlacementRange, PlacementStatistics
 from posture_opt.selection.answer.selector import PostureSelector
-from posture_opt.selection.answer.shared_placement import PlacementFigure, PlacementStatistics
-from posture_opt.selection.answer.solution import Solution, Status, critical_basis
+from posture_opt.selection.answer.solution import Solution
+from posture_opt.selection.answer.target_answer import Status, critical_basis
 from posture_opt.selection.answer.visiting_order import best_order, nearest_ties, nearest_turns
-from posture_opt.selection.problem_data import ProblemData
+from posture_opt.selection.problem_data import ProblemData, with_fallbacks
 from posture_opt.selection.program.task_target import TaskTarget
-from posture_opt.selection.search.confirmed_posture import confirmed
-from posture_opt.selection.search.search_outcome import is_clear
+from posture_opt.selection.search.search_outcome import confirmed, is_clear
 from posture_opt.selection.stations.bench_map import PlacementOnBench, placement_sigma
 from posture_opt.selection.stations.features_failure import FeaturesFailure, joined_features
 from posture_opt.selection.stations.placed_stations import PlacedStations, Postures

@@ -10,15 +10,14 @@ from typing import Any
 import numpy as np
 
 from posture_opt.numerics import TURN, Array, Codes, DerivedAgain, Mask
-from posture_opt.selection.answer.combine import combined_numbers
-from posture_opt.selection.answer.placement import PlacementRange
+from posture_opt.selection.answer.placement import PlacementRange, combined_numbers
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.engine import Engine
 from posture_opt.selection.stations.station_candidates import StationCandidates, given_candidates, station_candidates
 from posture_opt.selection.stations.stations_problem import SharedSuccess, Station, StationErrors, StationsProblem
 from posture_opt.selection.tasks.workpiece import Combine
 from posture_opt.uncertainty.sources.sources import Sources
-from posture_opt.uncertainty.spread.shared_draws import ErrorParts, SharedDraws
+from posture_opt.uncertainty.spread.success_of_all import ErrorParts, SharedDraws
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from posture_opt.numerics import Array, Codes
-from posture_opt.selection.program.pose_request import PARTS, PoseRequest
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.engine import STEPS, Engine
-from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE, TOLERANCE
+from posture_opt.selection.search.inverse_kinematics import PARTS, ROW_TOLERANCE, TOLERANCE, PoseRequest
 from posture_opt.selection.search.inverse_kinematics import STEPS as IK_STEPS
 
 

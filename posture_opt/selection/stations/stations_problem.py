@@ -13,14 +13,14 @@ import numpy as np
 
 from posture_opt.model.compiled import BatchFunction
 from posture_opt.numerics import Array, DerivedAgain, Mask
-from posture_opt.selection.answer.combine import combined_success, combined_symbols
-from posture_opt.selection.program.nonlinear_solver import NonlinearSolver
+from posture_opt.selection.answer.placement import combined_success, combined_symbols
+from posture_opt.selection.program.nlp import NonlinearSolver
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.program.task_target import SIZES, TaskTarget, turned_about_z
 from posture_opt.selection.tasks.workpiece import Combine
 from posture_opt.uncertainty.moments.pose_covariance import covariance_root
 from posture_opt.uncertainty.sources.sources import Sources
-from posture_opt.uncertainty.spread.shared_draws import ErrorParts
+from posture_opt.uncertainty.spread.success_of_all import ErrorParts
 
 
 @dataclass(frozen=True, eq=False)
