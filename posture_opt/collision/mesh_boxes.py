@@ -178,15 +178,11 @@ class _Cell:
 
     def halves(self) -> tuple[_Cell, _Cell]:
         """Both sides of the largest flat face across an axis inside it, else of the middle of its longest edge."""
-        axis, at = self._largest_step() or self._middle()
+        longest = int(np.argmax(self.high - self.low))
+        axis, at = self._largest_step() or (longest, float(self.low[longest] + self.high[longest]) / 2)
         below, above = _halves(self.triangles, axis, at)
         between = np.where(np.arange(3) == axis, at, self.high), np.where(np.arange(3) == axis, at, self.low)
         return _Cell(self.low, between[0], below), _Cell(between[1], self.high, above)
-
-    def _middle(self) -> tuple[int, float]:
-        """Axis and middle [m] of its longest edge."""
-        axis = int(np.argmax(self.high - self.low))
-        return axis, float(self.low[axis] + self.high[axis]) / 2
 
     def _largest_step(self) -> tuple[int, float] | None:
         """Axis and place [m] of the largest flat face across an axis that is not on its boundary."""

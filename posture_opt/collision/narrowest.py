@@ -12,8 +12,6 @@ from posture_opt.numerics import Array
 
 _PIECES, _ROUNDS = 32, 8
 """A capsule's segment is cut in so many pieces, and the two about the nearest point again: (2 / 32)^8 of it is left."""
-_STEP_M = 1e-6
-"""Of the central differences of a distance [m]."""
 
 Distance = Callable[[Array], Array]
 """Points (..., 3) -> distance (...) to a convex solid [m]."""
@@ -45,8 +43,9 @@ def narrowest(scene: Scene, q: Array) -> Gap | None:
     def away(points: Array) -> Array:
         return solid.distance(points, points)
 
-    on_axis = _nearest_on(start[capsule], end[capsule], away)
-    outward = _gradient(away, on_axis)
+    on_axis, steps = _nearest_on(start[capsule], end[capsule], away), 1e-6 * np.eye(3)
+    slope = away(on_axis + steps) - away(on_axis - steps)
+    outward = np.asarray(slope / 2e-6 / max(float(np.linalg.norm(slope / 2e-6)), 1e-12))  # zero inside
     surface = on_axis - scene.placed.radii[capsule] * outward
     return Gap(float(distances[k]), scene.pairs[k], surface, on_axis - float(away(on_axis)) * outward)
 
@@ -58,10 +57,3 @@ def _nearest_on(start: Array, end: Array, away: Distance) -> Array:
         k = int(np.argmin(away(points)))
         start, end = points[max(k - 1, 0)], points[min(k + 1, _PIECES)]
     return np.asarray((start + end) / 2)
-
-
-def _gradient(away: Distance, point: Array) -> Array:
-    """(3,) the unit vector out of a solid at a point outside of it; zero inside."""
-    steps = _STEP_M * np.eye(3)
-    slope = (away(point + steps) - away(point - steps)) / (2 * _STEP_M)
-    return np.asarray(slope / max(float(np.linalg.norm(slope)), 1e-12))

@@ -313,6 +313,7 @@ class Scene:
 
 
 def _stand_ins(robot: Robot) -> tuple[Capsule, ...]:
+    """Capsules along the links whose shape is not known; none where all is known or was replaced on purpose."""
     shaped = {capsule.joint for capsule in robot.shape} & set(robot.joint_names)
     if not shaped:
         return stand_in(robot)

@@ -103,7 +103,7 @@ def cylinder_bound(start: ca.SX, along: ca.SX, size: float, half: float, radius:
         s = ca.if_else((newton < low) + (newton > high), (low + high) / 2, newton)
     s = _settled(s)
     over, above, slope, curvature = parts(s)
-    squared = over**2 + above**2 + eps * s * (s - 1) - _settled_up(_is_inside(s) * slope**2 * (1 / eps - 1 / curvature))
+    squared = over**2 + above**2 + eps * s * (s - 1) + _settled(-_is_inside(s) * slope**2 * (1 / eps - 1 / curvature))
     return _bounded_root(_least_value(squared, s, slope, curvature)) - radius
 
 
@@ -111,14 +111,10 @@ def soft_minimum(distances: Sequence[ca.SX]) -> ca.SX:
     """``min(a, b) ≥ (a + b − √((a − b)² + δ²))/2`` pair by pair: at most ``½ δ ⌈log₂ k⌉`` below the least of k [m]."""
     level = list(distances)
     while len(level) > 1:
-        paired = [_soft_minimum_of_two(level[k], level[k + 1]) for k in range(0, len(level) - 1, 2)]
+        pairs = [(level[k], level[k + 1]) for k in range(0, len(level) - 1, 2)]
+        paired = [(a + b - ca.sqrt((a - b) ** 2 + SOFT_MINIMUM_WIDTH_M**2)) / 2 for a, b in pairs]
         level = paired + level[len(level) - len(level) % 2 :]
     return level[0]
-
-
-def _soft_minimum_of_two(a: ca.SX, b: ca.SX) -> ca.SX:
-    """``(a + b − √((a − b)² + δ²))/2`` [m]."""
-    return (a + b - ca.sqrt((a - b) ** 2 + SOFT_MINIMUM_WIDTH_M**2)) / 2
 
 
 def _bounded_root(squared: ca.SX) -> ca.SX:
@@ -132,10 +128,6 @@ def _clipped_share(share: ca.SX) -> ca.SX:
 
 def _settled(value: ca.SX) -> ca.SX:
     return ca.floor(value * _SETTLED_SCALE) / _SETTLED_SCALE
-
-
-def _settled_up(value: ca.SX) -> ca.SX:
-    return -ca.floor(-value * _SETTLED_SCALE) / _SETTLED_SCALE
 
 
 def _is_inside(share: ca.SX) -> ca.SX:

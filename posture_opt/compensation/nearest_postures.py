@@ -156,7 +156,9 @@ class NearestPostures:
         if wanted.rotation is not None:
             parts.append((J[:, 3:], left.rotation, min(self.turns, 3)))
         elif wanted.axis is not None:
-            parts.append((_across(wanted.axis) @ J[:, 3:], left.rotation, min(self.turns, 2)))
+            # Projectors across the axes; an axis of NaN holds nothing.
+            across = np.nan_to_num(np.eye(3) - wanted.axis[:, :, None] * wanted.axis[:, None, :], nan=0.0)
+            parts.append((across @ J[:, 3:], left.rotation, min(self.turns, 2)))
         free, held = np.ones_like(q), np.zeros_like(q)
         step = held
         for _ in range(self.robot.n):
@@ -194,12 +196,6 @@ def _turns_between(reached: Array, wanted: Array) -> Array:
     sine = np.linalg.norm(across, axis=1)
     angle = np.arctan2(sine, cosine)
     return np.asarray(across * np.divide(angle, sine, out=np.ones_like(sine), where=sine > 0)[:, None])
-
-
-def _across(axis: Array) -> Array:
-    """(N, 3, 3) projectors across unit vectors (N, 3); zero for NaN, which holds nothing."""
-    projector = np.eye(3) - axis[:, :, None] * axis[:, None, :]
-    return np.asarray(np.nan_to_num(projector, nan=0.0))
 
 
 def rotation_vectors(R: Array) -> Array:

@@ -63,8 +63,12 @@ def search_placement(
     values: list[float] = []
     for found in independent_batches(_batch, (stations, seed), range(_MAX_BATCHES), workers):
         batch: PlacementSearch = replace(found, stations=stations)
-        whole = batch if whole is None else _joined(whole, batch)
         values.append(batch.optima[0].objective if batch.optima else np.inf)
+        if whole is not None:
+            optima = _distinct(stations, [*whole.optima, *batch.optima])
+            screened, solves = whole.screened.joined(batch.screened), whole.solves + batch.solves
+            batch = PlacementSearch(stations, optima, screened, 0, 0, solves)
+        whole = batch
         if progress is not None:
             progress(len(values), _MAX_BATCHES)
         recurred = recurrences(values, _as_good)
@@ -73,11 +77,6 @@ def search_placement(
             break
     assert whole is not None
     return replace(whole, batches=len(values), recurred=recurred)
-
-
-def _joined(one: PlacementSearch, other: PlacementSearch) -> PlacementSearch:
-    optima = _distinct(one.stations, [*one.optima, *other.optima])
-    return PlacementSearch(one.stations, optima, one.screened.joined(other.screened), 0, 0, one.solves + other.solves)
 
 
 def _batch(shared: tuple[PlacedStations, int], k: int) -> PlacementSearch:
