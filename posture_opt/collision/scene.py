@@ -365,3 +365,40 @@ def _unchecked_pairs(scene: Scene) -> list[Statement]:
         pairs = tuple(f"{a} with {b} {Quantity(away, _STATED)}" for (a, b), away in least.items())
         said.append(state("collision.pairs-closer", pairs=pairs, margin=Quantity(scene.margin, _STATED)))
     return said
+
+
+@dataclass(frozen=True)
+class Gap:
+    """The narrowest gap at a posture."""
+
+    distance: float  # [m]; zero or less where the bodies overlap, but not how deep
+    between: tuple[str, str]  # a joint and an obstacle
+    start: Array  # (3,) point of the arm [m], world
+    end: Array  # (3,) point of the obstacle [m], world
+
+
+def narrowest(scene: Scene, q: Array) -> Gap | None:
+    """Narrowest gap at a posture (n,) to a stated obstacle, of pairs that keep the whole clearance, if any."""
+    stated = {obstacle.name for obstacle in scene.stated_obstacles}
+    counts = [len(scene.own) <= k and other in stated for k, (_, other) in enumerate(scene.pairs)]
+    kept = np.array(counts, dtype=bool) & (np.array(scene.required) >= scene.margin)
+    if not kept.any():
+        return None
+    distances = np.where(kept, scene.distances(q)[0], np.inf)
+    k = int(np.argmin(distances))
+    others = [(i, obstacle) for obstacle, chosen in zip(scene.obstacles, scene.against, strict=True) for i in chosen]
+    capsule, solid = others[k - len(scene.own)]
+    start, end = (ends[0, capsule] for ends in scene.placed.segments(np.atleast_2d(q)))
+
+    def away(points: Array) -> Array:
+        return solid.distance(points, points)
+
+    for _ in range(8):  # the distance is convex along the segment, of which (2 / 32)^8 is left
+        points = np.linspace(start, end, 32 + 1)
+        at = int(np.argmin(away(points)))
+        start, end = points[max(at - 1, 0)], points[min(at + 1, 32)]
+    on_axis, steps = np.asarray((start + end) / 2), 1e-6 * np.eye(3)
+    slope = away(on_axis + steps) - away(on_axis - steps)
+    outward = np.asarray(slope / 2e-6 / max(float(np.linalg.norm(slope / 2e-6)), 1e-12))  # zero inside
+    surface = on_axis - scene.placed.radii[capsule] * outward
+    return Gap(float(distances[k]), scene.pairs[k], surface, on_axis - float(away(on_axis)) * outward)

@@ -7,8 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from posture_opt.compensation.compensation import Compensation, joint_column
-from posture_opt.compensation.expected_miss import Arrivals, arrivals_of, expected_miss, sided_joints
+from posture_opt.compensation.compensation import (
+    Arrivals,
+    Compensation,
+    arrivals_of,
+    expected_miss,
+    joint_column,
+    sided_joints,
+)
 from posture_opt.compensation.nearest_postures import NearestPostures, Poses
 from posture_opt.compensation.starting_postures import starting_postures
 from posture_opt.compensation.targets import Targets, read_targets

@@ -1,10 +1,10 @@
-"""``Compensation``: joint values that bring this arm to its targets, and what is left."""
+"""``Compensation``: joint values that bring this arm to its targets, how joints arrive there, and what is left."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Literal, NamedTuple
@@ -13,9 +13,10 @@ import numpy as np
 
 from posture_opt.collision.pairs import Clearance
 from posture_opt.collision.scene import scene_statements
-from posture_opt.compensation.expected_miss import ExpectedMiss, sided_joints
-from posture_opt.compensation.nearest_postures import Poses
+from posture_opt.compensation.nearest_postures import Poses, pose_misses
 from posture_opt.compensation.targets import Targets
+from posture_opt.model.arm import Arm
+from posture_opt.model.arm_state import REFERENCE_TEMPERATURE, Inputs
 from posture_opt.numerics import Array, Json, Mask, rms
 from posture_opt.result import Result
 from posture_opt.robot.robot import Joint
@@ -25,8 +26,87 @@ from posture_opt.selection.problem_data import ProblemData
 from posture_opt.statements import Quantity, Statement, state
 from posture_opt.statements.notation import listed_lines
 from posture_opt.texts import csv_line
+from posture_opt.uncertainty.moments.tool_point import ToolPoint
+from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.uncertainty.spread.joint_digits import JointDigits
 from posture_opt.units import fixed
+
+
+@dataclass(frozen=True, eq=False)
+class Arrivals:
+    side: Array  # (N, n) direction of the last move of each joint, +1 or −1; 0 where unknown
+    way: Array  # (N, n) length of that move [rad or m]
+
+    def inputs(self, arm: Arm, rows: Targets, stated: Sequence[str] = ()) -> Inputs:
+        """Inputs of effects in every row, its own columns first; sides not ``stated`` are sources of error."""
+        given, n = arm.inputs, len(rows)
+        warmth = None if rows.temperature is None else rows.temperature - REFERENCE_TEMPERATURE
+        return Inputs(
+            payload=np.full(n, given.payload) if rows.payload is None else rows.payload,
+            approach=list(self.side.T),
+            approach_length=list(self.way.T),
+            temperature=np.full(n, given.temperature) if warmth is None else warmth,
+            time=np.full(n, given.time) if rows.time is None else rows.time,
+            stated=tuple(stated),
+        )
+
+
+def arrivals_of(arm: Arm, rows: Targets, q: Array) -> Arrivals:
+    """``side_k = sign(q_k − q_{k−1})`` of commands (N, n) or the last move before; the first comes from far."""
+    step = np.diff(q, axis=0, prepend=q[:1])
+    last = np.where(np.abs(step) > 1e-12, np.arange(len(q))[:, None], 0)
+    move = np.take_along_axis(step, np.maximum.accumulate(last, axis=0), axis=0)
+    task = [arm.inputs.side(j) if joint.name in arm.inputs.stated else 0.0 for j, joint in enumerate(arm.robot.joints)]
+    side = np.where(move != 0, np.sign(move), np.array(task, dtype=float))
+    way = np.where(move != 0, np.abs(move), 1e6)  # rad or m: hysteresis of the first row is complete
+    return Arrivals(np.where(rows.side != 0, rows.side, side), way)
+
+
+def sided_joints(arm: Arm) -> Mask:
+    """(n,) joints with an effect that depends on the side of arrival."""
+    asked = {effect.target for effect in arm.effects if "approach" in effect.needs}
+    return np.array([joint.name in asked for joint in arm.robot.joints])
+
+
+@dataclass(frozen=True, eq=False)
+class ExpectedMiss:
+    """Of N commands against their targets."""
+
+    off: Array  # (N,) distance of the expected tool point [m]
+    turned: Array  # (N,) angle of the expected orientation [rad]
+    rms: Array  # (N,) root mean square distance of the tool point, uncertainty and scatter included [m]
+    rms_turned: Array  # (N,) of the angle [rad]
+
+
+def expected_miss(arm: Arm, sources: Sources, rows: Targets, wanted: Poses, q: Array, came: Arrivals) -> ExpectedMiss:
+    """``rms² = |E f(q) − x|² + tr Cov f(q)`` at commands q (N, n) [rad or m], f with effects and errors."""
+    inputs = came.inputs(arm, rows)
+    left = pose_misses(np.asarray(arm.under(inputs).pose(q), dtype=float), wanted)
+    off, turned = np.linalg.norm(left.position, axis=1), np.linalg.norm(left.rotation, axis=1)
+    squared, squared_turned = off**2, turned**2
+    # Rows with the same known sides are evaluated together.
+    patterns, group = np.unique(came.side != 0, axis=0, return_inverse=True)
+    for k, known in enumerate(patterns):
+        at = np.flatnonzero(group.ravel() == k)
+        stated = tuple(joint.name for joint, is_known in zip(arm.robot.joints, known, strict=True) if is_known)
+        tool_point = ToolPoint.of(arm.under(replace(inputs.take(at), stated=stated)), sources)
+        columns = [np.ascontiguousarray(column) for column in np.asarray(q, dtype=float)[at].T]
+        more, more_turned = _mean_square_spread(tool_point, columns, left.position[at])
+        squared[at] += more
+        squared_turned[at] += more_turned
+    return ExpectedMiss(off, turned, np.sqrt(squared), np.sqrt(squared_turned))
+
+
+def _mean_square_spread(tool_point: ToolPoint, q: Sequence[Array], left: Array) -> tuple[Array, Array]:
+    """(N,) mean squares that uncertainty adds [m²], [rad²]; ``left`` (N, 3) target minus nominal tool point [m]."""
+    moments, count = tool_point.moments(q), len(left)
+    bias = np.broadcast_to(np.asarray(moments.mean - moments.position, dtype=float), (count, 3))
+    total = np.broadcast_to(np.trace(np.asarray(moments.covariance, dtype=float), axis1=-2, axis2=-1), count)
+    turns = np.asarray(tool_point.pose_first_order(q, moments.walk), dtype=float)[..., 3:, 3:]
+    # |x̄ + b − target|² − |x̄ − target|², where left = target − x̄
+    shifted = (bias**2).sum(axis=1) - 2 * (bias * left).sum(axis=1)
+    return total + shifted, np.broadcast_to(np.trace(turns, axis1=-2, axis2=-1), count)
+
 
 Origin = Literal["given", "given as targets", "first row", "task"]
 """Where the joint values of targets come from."""

@@ -34,9 +34,8 @@ class Poses:
 
     def repeated(self, count: int) -> Poses:
         """One pose ``count`` times, to be compared with as many postures."""
-        rotation, axis = (
-            None if given is None else np.repeat(given, count, axis=0) for given in (self.rotation, self.axis)
-        )
+        given = self.rotation, self.axis
+        rotation, axis = (None if one is None else np.repeat(one, count, axis=0) for one in given)
         return Poses(np.repeat(self.position, count, axis=0), rotation, axis, self.tool_axis)
 
 
@@ -45,9 +44,7 @@ class Misses:
     """Wanted minus reached poses of N postures."""
 
     position: Array  # (N, 3) of the tool point [m], world
-    # (N, 3) rotation vectors [rad], world, that turn the reached orientation into the wanted one; where the tool axis
-    # alone is held, those that turn it
-    rotation: Array
+    rotation: Array  # (N, 3) vectors [rad], world, that turn the reached orientation, or tool axis, into the wanted one
 
 
 class NearestPostures:
@@ -85,7 +82,7 @@ class NearestPostures:
         q, beyond = self.followed(wanted, near, start), self.beyond(wanted)
         for row in np.flatnonzero(~self.reached(q, wanted)):
             one = wanted.take(np.arange(len(q)) == row)
-            # a reachable pose takes 10 to 30 evaluations; of others a fit only says by how much it fails
+            # A reachable pose takes 10 to 30 evaluations; of others a fit only says by how much it fails.
             q[row] = self._fitted_posture(one, q[row], 15 if beyond[row] else 100)
         return q
 
@@ -106,10 +103,10 @@ class NearestPostures:
         for _ in range(80):
             step = self._step(q[open_rows], wanted.take(open_rows), near[open_rows])
             longest = np.abs(step).max(axis=1, initial=0.0)
-            # rad or m: longer steps of a linear model of a rotation mean nothing
+            # Longer steps [rad or m] of a linear model of a rotation mean nothing.
             step *= np.minimum(1.0, 0.3 / np.maximum(longest, 1e-300))[:, None]
             q[open_rows] = np.clip(q[open_rows] + step, self._lower, self._upper)
-            # rad or m: rounding, where the Jacobian is poor
+            # Less [rad or m] is rounding, where the Jacobian is poor.
             open_rows[np.flatnonzero(open_rows)[longest < 1e-11]] = False
             if not open_rows.any():
                 break

@@ -10,7 +10,7 @@ import pytest
 
 import posture_opt as po
 from posture_opt.problem.load import load_builtin
-from posture_opt.selection.maps.map_neighbours import BaseMotion, Neighbourhood
+from posture_opt.selection.maps.map_exchange import BaseMotion, Neighbourhood
 from posture_opt.selection.maps.map_points import NeighbourSolves
 from posture_opt.selection.maps.target_map import TargetMap, map_targets
 from tests.helpers.variants import conformance

@@ -71,7 +71,7 @@ def _posture(found: Comparison) -> list[Statement]:
     joints, scene = problem.robot.joints, column.answer.problem.scene
     values = tuple(f"{joint.name} {joint_value(q, joint.type)}" for joint, q in zip(joints, station.q, strict=True))
     held = conditions(problem.arm)
-    # no one asks about the bodies of planar arms
+    # No one asks about the bodies of planar arms.
     unchecked = not scene.active and not scene.switched_off and len(joints) > 2
     why = "; ".join(problem.robot.shape_notes) or "the shape of the arm is not known"
     return [
@@ -122,7 +122,7 @@ def _parts(found: Comparison) -> list[Statement]:
     if not parts.systematic_sigma > 0:
         return unstated
     sources = tuple(parts.parameters)
-    # a smaller gain hardly shows at the task
+    # A smaller gain hardly shows at the task.
     matters = parts.mostly_systematic and (new > 0.7 * old or bool(_outside(found)))
     if not matters:
         return [*unstated, state("selection.plan-error-parts", "", sources=sources, **sizes)]
@@ -182,7 +182,7 @@ class ComparedAnswer:
 
     problem: ProblemData
     answer: Solution | None = None
-    # name of a model -> what it predicts of the answer; models of arms with other joints have no entry
+    # Name of a model -> its prediction; models of arms with other joints have no entry.
     judged: Mapping[str, JudgedAnswer] = field(default_factory=dict)
     reasons: tuple[str, ...] = ()
 

@@ -31,8 +31,7 @@ class PredictedError:
     success_probability: float | None  # of staying within the clearance; None without one
     covariance: Array  # (3, 3) of the tool point [m²], world
     parts: SpreadParts | None = None  # what of it is scatter and what is systematic, in the components that count
-    # distance from the postures that the model was fitted to; None where these are not known
-    from_measured: PostureDistance | None = None
+    from_measured: PostureDistance | None = None  # from the postures that the model was fitted to, if known
 
     @property
     def distance(self) -> float:
@@ -112,13 +111,10 @@ def _predicted_error(problem: ProblemData, solution: Solution, basis: Array, mea
 class PostureDistance:
     """Distance of a posture from measured ones."""
 
-    # least over the measured postures of the largest difference of a joint [rad], slides left out where other joints
-    # turn; else [m]
+    # Least over the measured postures of the largest difference of a turning joint [rad], or else of a slide [m].
     nearest: float
-    # the one that is farthest outside the range that it was measured in, by beyond [rad or m]; empty where all are
-    # within
-    joint: str
-    beyond: float
+    joint: str  # farthest outside its measured range; empty where all are within
+    beyond: float  # by how much [rad or m]
 
     @classmethod
     def of(cls, robot: Robot, q: Array, measured: Array) -> PostureDistance:

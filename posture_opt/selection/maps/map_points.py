@@ -30,8 +30,7 @@ MapStatus = Literal["feasible", "not reached", "requirement not met"]
 class MapCandidate:
     """What was found for one target of a map."""
 
-    # feasible; not reached: no start arrived; requirement not met: some arrived, but collide or miss a term
-    status: MapStatus
+    status: MapStatus  # not reached: no start arrived; requirement not met: some arrived, but collide or miss a term
     best: CandidatePosture | None  # the best posture, None where there is none
     scale: float  # variance [m²] that its objective is divided by; NaN where no start arrived
 

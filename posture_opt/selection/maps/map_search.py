@@ -11,8 +11,7 @@ import numpy as np
 
 from posture_opt.collision.scene import Scene
 from posture_opt.numerics import Array, Progress
-from posture_opt.selection.maps.map_exchange import NeighbourExchange, worked_on
-from posture_opt.selection.maps.map_neighbours import Neighbourhood, Pairs
+from posture_opt.selection.maps.map_exchange import NeighbourExchange, Neighbourhood, Pairs, worked_on
 from posture_opt.selection.maps.map_points import MapCandidate, NeighbourSolves, PackedRow
 from posture_opt.selection.maps.map_trials import (
     BETTER,

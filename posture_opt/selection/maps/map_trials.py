@@ -174,8 +174,7 @@ def _tried(engine: Engine, item: NeighbourStarts, led: Led) -> Trial:
         own = trial.candidate.best
         won = _try(engine, item.target, trial, posture)
         if own is not None and math.isfinite(won):
-            # below it a posture was turned rather than led
-            trial.bends.append((won - gain(posture, own)) / max(square, 1e-4))
+            trial.bends.append((won - gain(posture, own)) / max(square, 1e-4))  # below it a posture was just turned
         trial.better |= won > BETTER
     return trial
 

@@ -25,8 +25,7 @@ from posture_opt.selection.answer.solution_statements import (
     free_joints,
 )
 from posture_opt.selection.maps.grid_layout import Grid, GridRequest, Plane, grid_of
-from posture_opt.selection.maps.map_exchange import worked_on
-from posture_opt.selection.maps.map_neighbours import Neighbourhood
+from posture_opt.selection.maps.map_exchange import Neighbourhood, worked_on
 from posture_opt.selection.maps.map_points import MapCandidate, MapPoint, NeighbourSolves, packed_points
 from posture_opt.selection.maps.map_search import best_candidates, clear_candidates, in_the_way
 from posture_opt.selection.problem_data import ProblemData, with_fallbacks

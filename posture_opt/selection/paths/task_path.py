@@ -20,8 +20,7 @@ class TaskPath:
     """Points in their order: listed ones, and more between them where they stand far apart."""
 
     points: Array  # (K, 3) world [m]
-    # (K, 3) unit vectors of travel: at a listed point that bisects the directions of the two segments that meet
-    # there, whatever their lengths; at the ends of an open path, and between listed points, the segment's
+    # (K, 3) unit vectors of travel: the segment's; at a listed point the bisector of the two that meet there.
     tangents: Array
     axes: Array  # (K, 3) unit vectors, world, where the tool axis is to point; turned evenly between listed points
     listed: Mask  # (K,) whether the point is one of the task's own
@@ -32,8 +31,7 @@ class TaskPath:
     def of(cls, task: PathTask) -> TaskPath:
         """Path of a task, with points added where ``spacing`` asks for them; InputError for too many."""
         points, axes, along = np.array(task.tool_points), np.array(task.unit_axes), tangents(np.array(task.points))
-        count = len(points) - 1
-        every, steps = np.ones(count + 1, dtype=bool), np.ones(count, dtype=int)
+        every, steps = np.ones(len(points), dtype=bool), np.ones(len(points) - 1, dtype=int)
         listed = cls(points, along, axes, every, steps, np.array(task.origin))
         return listed if task.spacing is None else listed._spaced(task.spacing)
 
@@ -41,9 +39,8 @@ class TaskPath:
         """Path through some of its points, both ends among them; steps count as their parts do on average."""
         spans, counted = np.diff(numbers), np.concatenate([[0.0], np.cumsum(self.parts)])
         parts = np.diff(counted[numbers]) / spans**2
-        points, tangents_there, axes = self.points[numbers], self.tangents[numbers], self.axes[numbers]
-        every = np.ones(len(numbers), dtype=bool)
-        return replace(self, points=points, tangents=tangents_there, axes=axes, listed=every, parts=parts)
+        rows = {name: getattr(self, name)[numbers] for name in ("points", "tangents", "axes")}
+        return replace(self, **rows, listed=np.ones(len(numbers), dtype=bool), parts=parts)
 
     def moved(self, w: Array) -> TaskPath:
         """The path in a frame that stands at w = (x, y, z, yaw) [m, rad]."""
