@@ -233,7 +233,7 @@ class Compensation(Result):
 
     @cached_property
     def cautions(self) -> tuple[Statement, ...]:
-        """What to check before the rows run, and where their postures come from."""
+        """Statements on what to check before the rows run."""
         return (*self.remarks, *_jumps(self), *_sides(self))
 
     @property
@@ -243,7 +243,7 @@ class Compensation(Result):
 
     @cached_property
     def statements(self) -> tuple[Statement, ...]:
-        """What the compensation has to say, the answer first."""
+        """Statements, the answer first."""
         return compensation_statements(self)
 
     @cached_property

@@ -68,7 +68,7 @@ class TargetMap(Result):
 
     @cached_property
     def statements(self) -> tuple[Statement, ...]:
-        """What the map has to say, the best target first."""
+        """Statements, the best target first."""
         return map_statements(self)
 
     @property
