@@ -90,7 +90,7 @@ _MAX_ROUNDS = 3
 
 @dataclass(frozen=True, eq=False)
 class PathSelector(DerivedAgain):
-    """The search for the postures along the path of one problem; ``selector`` builds what every point needs."""
+    """The search for postures along the path of one problem."""
 
     problem: ProblemData
     selector: PostureSelector
@@ -134,10 +134,6 @@ class PathSelector(DerivedAgain):
             return self.solve_here(seed, pool, progress)
 
     def _placed(self, seed: int, workers: int, progress: Progress | None) -> Solution:
-        """The best of some placements and of the middle, moved on with the motion while that gains.
-
-        Placements are searched with six points of the path as if they were features; the best three are followed.
-        """
         began = time.perf_counter()
         own = replace(self, w=np.zeros(4)).targets
         chosen = np.unique(np.linspace(0, len(own) - 1, min(6, len(own))).round().astype(int)).tolist()
@@ -200,7 +196,6 @@ class PathSelector(DerivedAgain):
         raise NoSolutionError(reason.message, self._solution(search, motion, largest, began, [reason]))
 
     def _search(self, seed: int, began: float, pool: Workers | None, progress: Progress | None) -> MotionSearch:
-        """The search among candidates of all points, or among motions found at the knots of a long path."""
         reach = self.selector.reach
         off = [float(np.linalg.norm(reach.outside(target.lower, target.upper))) for target in self.targets]
         if max(off) > reach.plane_slack:
@@ -228,7 +223,6 @@ class PathSelector(DerivedAgain):
     def _candidates(
         self, targets: Sequence[TaskTarget], seed: int, pool: Workers | None = None, progress: Progress | None = None
     ) -> tuple[Engine, JointSteps, PathCandidates]:
-        """Candidates of some points; with rows that keep the arm clear where some have none without."""
         scene = self.problem.scene
         for guarded in (None, True):
             engine = self.selector.engine_of_all(self.targets, guarded)
@@ -286,7 +280,6 @@ class PathSelector(DerivedAgain):
         return replace(points[0], points=tuple(points), names=names, placement=placed, followed=followed)
 
     def _explain(self, engine: Engine, failing: Sequence[int], began: float) -> None:
-        """Raise the error of points that no posture does, with the reasons at the one that lacks most."""
         if not self.explains or self.problem.above_assumed_mounting:  # which is dropped first
             raise NoSolutionError(f"{self.path.numbers[failing[0]]}: no posture was found that meets all requirements")
         targets, names = [self.targets[k] for k in failing], [self.path.numbers[k] for k in failing]
@@ -313,7 +306,6 @@ def _sigma(found: Solution) -> float:
 
 
 def path_task_of(problem: ProblemData) -> PathTask:
-    """The task of a problem that follows a path."""
     task = task_of(problem)
     assert isinstance(task, PathTask), task.kind
     return task
