@@ -22,11 +22,7 @@ from posture_opt.calibration.scatter_change import ScatterChange, scatter_change
 from posture_opt.calibration.start_up import StartUp, start_up
 from posture_opt.calibration.weights import Reading
 from posture_opt.diagnosis.cause_statements import CauseAction, cause_actions
-from posture_opt.diagnosis.causes.causes import (
-    Finding,
-    tool_shifts,
-    unknowable_causes,
-)
+from posture_opt.diagnosis.causes.causes import Finding, tool_shifts, unknowable_causes
 from posture_opt.diagnosis.causes.delivered_arm import Delivery, extended_arm
 from posture_opt.diagnosis.causes.geometry_causes import Correction, determined_corrections
 from posture_opt.diagnosis.causes.sessions import Gain, SecondSession

@@ -14,11 +14,7 @@ from posture_opt.calibration.estimation.error_statistics import folds_of, groups
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.prior import known_rows
 from posture_opt.calibration.estimation.progress import Stages
-from posture_opt.calibration.weights import (
-    Reading,
-    better_gravity,
-    refuted_masses,
-)
+from posture_opt.calibration.weights import Reading, better_gravity, refuted_masses
 from posture_opt.diagnosis.causes.delivered_arm import PredictiveModel
 from posture_opt.diagnosis.causes.determined_sizes import choice_deviations, with_choice_errors, with_mass_errors
 from posture_opt.diagnosis.noise.noise_causes import joint_scatter, noise_causes, sided_joints
@@ -26,10 +22,7 @@ from posture_opt.diagnosis.noise.uneven_noise import NoiseCause, UnevenErrors
 from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.scores.lack_of_fit import Adequacy, HeldResiduals, assess_adequacy, lack_of_fit, left_of
 from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent, tool_points
-from posture_opt.diagnosis.search.linearised_data import (
-    LinearisedData,
-    linearise_calibration,
-)
+from posture_opt.diagnosis.search.linearised_data import LinearisedData, linearise_calibration
 from posture_opt.diagnosis.search.nested_selection import Folding, NestedSelection
 from posture_opt.diagnosis.search.outlier_reinclusion import (
     explains_outliers,

@@ -250,11 +250,7 @@ def fit_tails(e: Array) -> Tails:
     gaussian = -2 * _gaussian_likelihood(squares, d) + np.log(N)
     student, freedom = _student_fit(squares, d)
     mixture, share, rows = _mixture_fit(squares, d)
-    values = {
-        "gaussian": gaussian,
-        "heavy": -2 * student + 2 * np.log(N),
-        GROSS_ERRORS: -2 * mixture + 3 * np.log(N),
-    }
+    values = {"gaussian": gaussian, "heavy": -2 * student + 2 * np.log(N), GROSS_ERRORS: -2 * mixture + 3 * np.log(N)}
     if not 0 < rows.sum() <= max(1.0, 0.1 * N):
         values[GROSS_ERRORS] = np.inf
     order = sorted(values, key=lambda name: values[name])

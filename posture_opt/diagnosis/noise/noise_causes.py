@@ -39,12 +39,7 @@ _NO_SCATTER = 1e-9  # of the stated σ: rows that are met exactly, and repeats t
 
 
 def noise_causes(
-    problem: ProblemData,
-    calibration: Calibration,
-    model: Fit,
-    baseline: ProjectedBaseline,
-    adequacy: float,
-    seed: int,
+    problem: ProblemData, calibration: Calibration, model: Fit, baseline: ProjectedBaseline, adequacy: float, seed: int
 ) -> tuple[list[NoiseCause], list[UnevenErrors]]:
     """Noisy joints or noise that grows with the range; gross outliers; a stated σ that is wrong."""
     if rms(model.whitened) < _NO_SCATTER:
