@@ -218,6 +218,21 @@ class Pool:
         return gains
 
 
+def exchange_members(pool: Pool, chosen: Chosen) -> Chosen:
+    """Drops and swaps as long as the criterion falls."""
+    value = pool.criterion(chosen)
+    while True:
+        trials = []
+        for i in chosen:
+            rest = tuple(j for j in chosen if j != i)
+            trials.append((pool.criterion(rest), rest))
+            trials += pool.additions(rest)[:1]
+        better = min(trials, default=(np.inf, chosen))
+        if better[0] >= value - 1e-9:  # less is rounding, and an exchange could go in circles
+            return chosen
+        value, chosen = better
+
+
 def close_alternatives(pools: Sequence[Pool], chosen: Chosen, member: int, within: float) -> list[tuple[float, int]]:
     """Candidates that could replace a member at a criterion at most ``within`` worse, those of each pool best first."""
     rest = tuple(j for j in chosen if j != member)

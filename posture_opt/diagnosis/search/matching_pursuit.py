@@ -163,7 +163,7 @@ class _Pursuit:
         self.freedom = float(self.learn.sum() - self.Q.shape[1])
         self.chosen, self.runners_up = list[Candidate](), list[Candidate]()
         self._ended = False
-        self._together = 12 if len(self.learn) <= 2000 else 0
+        self._together = levels.MAX_EXCHANGED_EFFECTS if len(self.learn) <= levels.MANY_RESIDUALS else 0
 
     @property
     def rss(self) -> float:

@@ -34,7 +34,7 @@ def find_rivals(
 ) -> Rivals:
     """For each chosen candidate those that explain as much in its place, and the aliases of its first line.
 
-    As much is within `levels.RIVAL_CRITERION`; of a persistent effect those of the
+    As much is within `levels.RIVAL_CRITERION`, also were parameters charged less; of a persistent effect those of the
     session at its price, and vice versa, as that decides what is delivered; and names that alone explain as much as all
     members together.
     """
@@ -44,7 +44,12 @@ def find_rivals(
     pool = candidate_pool(baseline, every)
     place = {str(s.what): i for i, s in enumerate(every)}
     members = tuple(sorted(place[str(s.what)] for s in chosen))
+    few = pool.columns.sizes <= levels.LARGE_GROUP_SIZE
     named, persistent = (np.array([getattr(s, name) for s in every]) for name in ("named", "persistent"))
+    # A parameter at 2 in place of log m (Akaike 1974): data have not refuted what only costs more.
+    less = np.where(named & few, (np.log(pool.freedom) - 2.0) * pool.columns.sizes, 0.0)
+    unlikely = np.array([levels.CHOICE_PENALTY * s.less_likely for s in every])
+    lenient = replace(pool, penalty=pool.penalty - np.maximum(less, 0.0) - unlikely)
     criterion = pool.criterion(members)
     alone = pool.additions(()) if len(members) > 1 else []
     for_all = [(value - criterion, only[0]) for value, only in alone if named[only[0]]]
@@ -52,9 +57,9 @@ def find_rivals(
     found = []
     for i, s in enumerate(chosen):
         member = place[str(s.what)]
-        other = named & (persistent != persistent[member])
+        other = named & few & (persistent != persistent[member])
         cheap = replace(pool, penalty=np.where(other, np.minimum(pool.penalty, pool.penalty[member]), pool.penalty))
-        close = close_alternatives((pool, cheap), members, member, levels.RIVAL_CRITERION)
+        close = close_alternatives((pool, lenient, cheap), members, member, levels.RIVAL_CRITERION)
         own = _best_shapes(pool, every, member, [k for _, k in sorted([*close, *for_all])])
         found.append((*own, *find_aliases(linearised, chosen, i)))
     return tuple(found)

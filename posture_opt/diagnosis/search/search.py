@@ -18,7 +18,7 @@ from posture_opt.diagnosis.scores.candidates import (
     score_candidates,
 )
 from posture_opt.diagnosis.scores.score_tests import NullDistribution, ProjectedBaseline
-from posture_opt.diagnosis.scores.subset_selection import nested_subsets
+from posture_opt.diagnosis.scores.subset_selection import exchange_members, nested_subsets
 from posture_opt.diagnosis.search.atoms import Dictionary
 from posture_opt.diagnosis.search.linearised_data import LinearisedData
 from posture_opt.diagnosis.search.matching_pursuit import pursue_candidates
@@ -27,6 +27,7 @@ from posture_opt.diagnosis.search.rivals import Rivals, find_rivals
 from posture_opt.diagnosis.search.selection_criterion import (
     FurtherNulls,
     beyond_instrument,
+    candidate_pool,
     eliminate_members,
     family_wise,
     implausible_members,
@@ -34,7 +35,7 @@ from posture_opt.diagnosis.search.selection_criterion import (
     merged_candidates,
     substantial_members,
 )
-from posture_opt.diagnosis.search.shape_refinement import has_shape, refine_shape
+from posture_opt.diagnosis.search.shape_refinement import has_shape, refine_shape, separate_lines
 from posture_opt.errors import InsufficientDataError
 from posture_opt.model.effects import CyclicError
 
@@ -52,8 +53,9 @@ class InitialScores:
     null: NullDistribution
 
     @classmethod
-    def of(cls, linearised: LinearisedData, candidates: Sequence[Candidate]) -> InitialScores:
-        baseline = linearised.baseline()
+    def of(cls, linearised: LinearisedData, candidates: Sequence[Candidate], flips: int | None = None) -> InitialScores:
+        """With ``flips`` draws of the null distribution, as many as the data ask for if None."""
+        baseline = linearised.baseline(flips=flips)
         scored, null = score_candidates(baseline, candidates, linearised.sensitivities, linearised.lines)
         return cls(linearised, candidates, baseline.undrawn, scored, null)
 
@@ -61,6 +63,13 @@ class InitialScores:
     def best_p_value(self) -> float:
         """Family-wise p-value of the best candidate; 1 without any."""
         return self.scored[0].p_value if self.scored else 1.0
+
+    def decided(self) -> InitialScores:
+        """A decision within a factor of eight of the level with four times the draws, so that it hangs on no draw."""
+        close = 1 / 8 < self.best_p_value / levels.FIRST_EFFECT_LEVEL < 8
+        if not self.scored or not close or len(self.linearised.r) >= levels.MANY_RESIDUALS:
+            return self
+        return InitialScores.of(self.linearised, self.candidates, 4 * self.linearised.flips)
 
     def null_beside(self, members: Sequence[Candidate]) -> NullDistribution:
         """The distribution of the least p-value beyond the geometry and the members of a set.
@@ -166,7 +175,7 @@ def search_effects(
     planned with. The result stays that unnamed components are needed; ``names`` is the best named set then.
     """
     foldings = foldings or Folding.usual(linearised.sensitivities.residuals.data)
-    start = InitialScores.of(linearised, candidates_of(linearised))
+    start = InitialScores.of(linearised, candidates_of(linearised)).decided()
     report_step()
     if start.baseline.freedom < 1:
         rows = linearised.sensitivities.residuals
@@ -227,12 +236,12 @@ def _named_model(start: InitialScores, foldings: Sequence[Folding]) -> _Selectio
 
 
 def _select_allowed(start: InitialScores, foldings: Sequence[Folding], allowed: Allowed) -> _Selection:
-    """The best set of those candidates that are allowed: pursuit, elimination, a size by nested folds."""
+    """The best set of those candidates that are allowed: pursuit, exchange, elimination, a size by nested folds."""
     linearised = start.linearised
     dictionary = Dictionary(linearised, tuple(filter(allowed, start.candidates)))
     pursued = pursue_candidates(dictionary, levels.MAX_EFFECTS)
     shortlisted = merged_candidates(filter(allowed, start.shortlist), pursued.runners_up)
-    refined = _refined_members(linearised, pursued.chosen)
+    refined = _refined_members(linearised, _exchanged_members(start, pursued.chosen, shortlisted))
     nulls = FurtherNulls(start.null, lambda: start.null_beside(refined))
     members = eliminate_members(linearised, nulls, refined)
     if not members:  # the criterion charges a group of parameters more than the test, which has decided already
@@ -269,6 +278,19 @@ def _joined_lines(linearised: LinearisedData, members: Sequence[Candidate]) -> l
         joined = Candidate(error, linearised.sensitivities.columns(error), searched)
         others.append(own[0] if len(own) == 1 else joined)
     return others
+
+
+def _exchanged_members(
+    start: InitialScores, members: tuple[Candidate, ...], shortlisted: Sequence[Candidate]
+) -> tuple[Candidate, ...]:
+    """The members after drops and swaps with the shortlisted, as long as the criterion falls."""
+    if not 1 < len(members) <= levels.MAX_EXCHANGED_EFFECTS:
+        return members
+    every = separate_lines(start.linearised, merged_candidates(members, shortlisted))
+    place = {str(s.what): i for i, s in enumerate(every)}
+    former = tuple(sorted(place[str(s.what)] for s in members if str(s.what) in place))
+    chosen = exchange_members(candidate_pool(start.baseline, every), former)
+    return tuple(every[i] for i in chosen)
 
 
 def _refined_members(linearised: LinearisedData, members: Sequence[Candidate]) -> list[Candidate]:

@@ -33,11 +33,11 @@ def candidate_pool(baseline: ProjectedBaseline, candidates: Sequence[Candidate])
     """Candidates with their penalties on a baseline; two shapes of one effect exclude each other."""
     columns = ProjectedColumns.of(baseline, [s.Z for s in candidates])
     freedom, rss = baseline.freedom, float(baseline.e @ baseline.e)
+    evidence = columns.gains / max(rss / max(freedom, 1), 1e-300)
     choice = np.array([price_of_choice(s) for s in candidates])
     codes: dict[object, int] = {}
     exclusive = np.array([codes.setdefault(s.exclusive, len(codes)) for s in candidates])
     most = np.array([s.most for s in candidates])
-    evidence = columns.gains / max(rss / max(freedom, 1), 1e-300)
     penalty = price_of_parameters(columns.sizes, evidence, max(freedom, 1)) + choice
     return Pool(columns, rss, freedom, penalty, exclusive, most)
 
@@ -55,11 +55,11 @@ def price_of_choice(candidate: Candidate) -> float:
 def price_of_parameters(count: Array | Codes, evidence: Array, freedom: float | Array) -> Array:
     """Charge for ``count`` parameters that explain ``evidence`` in units of the noise variance.
 
-    A parameter costs ``log m`` (Schwarz 1978); those of a group of five or more at most what an empirical Bayes prior
-    on its size would charge, ``1 + log(T / k)`` each for an evidence T of k parameters (George, Foster 2000).
+    A parameter costs ``log m`` (Schwarz 1978); those of a large group at most what an empirical Bayes prior on the
+    group's size would charge, ``1 + log(T / k)`` each for an evidence T of k parameters (George, Foster 2000).
     """
     group = 1 + np.log(np.maximum(evidence / np.maximum(count, 1), 1.0))
-    each = np.where(count > 4, np.minimum(np.log(freedom), group), np.log(freedom))
+    each = np.where(count > levels.LARGE_GROUP_SIZE, np.minimum(np.log(freedom), group), np.log(freedom))
     return np.asarray(count * each)
 
 

@@ -52,6 +52,21 @@ def finer_shapes(sensitivities: EffectSensitivities, candidate: Candidate) -> It
         yield Candidate(shaped, sensitivities.columns(shaped), candidate.searched)
 
 
+def separate_lines(linearised: LinearisedData, candidates: Sequence[Candidate]) -> list[Candidate]:
+    """The candidates without lines that are nearer than `Lines.least_distance` to one before them of the same joint."""
+    least = {lines.form.joint: lines.least_distance for lines in linearised.lines}
+    found: list[Candidate] = []
+    taken: dict[str, list[float]] = {}
+    for candidate in candidates:
+        if isinstance(candidate.what, CyclicError):
+            others = taken.setdefault(candidate.target, [])
+            if any(abs(candidate.what.cycles - cycles) <= least[candidate.target] for cycles in others):
+                continue
+            others.append(candidate.what.cycles)
+        found.append(candidate)
+    return found
+
+
 def sharpen_lines(linearised: LinearisedData, members: Sequence[Candidate], learn: Mask) -> list[Candidate]:
     """The members with the cycles of all lines fitted together, to the rows ``learn`` (m,): a Gauss-Newton step.
 
