@@ -18,8 +18,7 @@ from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.effects import Effect
 from posture_opt.numerics import Array, Codes
-from posture_opt.selection.fitted_arm import FittedArm
-from posture_opt.selection.problem_data import ProblemData
+from posture_opt.selection.problem_data import FittedArm, ProblemData
 
 
 def changed_problem(problem: ProblemData, change: PossibleChange, estimate: Mapping[str, float]) -> ProblemData:

@@ -10,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from posture_opt.calibration.assumptions.geometric_deviation import GeometricDeviation
+from posture_opt.calibration.assumptions.contradictions import GeometricDeviation
 from posture_opt.changes.hypotheses import POWER, REFERENCE_M, Probabilities, Visibility
 from posture_opt.changes.new_rows import Estimate
 from posture_opt.errors import enumerated

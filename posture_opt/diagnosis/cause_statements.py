@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from itertools import combinations, islice, pairwise
 from typing import TYPE_CHECKING, Literal
 
-from posture_opt.calibration.assumptions.geometric_deviation import GeometricDeviation
+from posture_opt.calibration.assumptions.contradictions import GeometricDeviation
 from posture_opt.diagnosis.causes.geometry_causes import CERTAIN
 from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent
 from posture_opt.model.effects import BaseCompliance, CyclicError, InstrumentField

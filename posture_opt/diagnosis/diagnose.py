@@ -9,15 +9,12 @@ import numpy as np
 
 from posture_opt.calibration.calibrate import calibrate
 from posture_opt.calibration.cross_validation import HeldOut, held_out
-from posture_opt.calibration.doubts import doubts_about, without_copies
-from posture_opt.calibration.estimation.effects_fit import fit_with_effects
+from posture_opt.calibration.doubts import doubts_about, free_directions, without_copies
 from posture_opt.calibration.estimation.error_statistics import By, Statistics
-from posture_opt.calibration.estimation.fit import Fit
-from posture_opt.calibration.estimation.fit_request import FitRequest
+from posture_opt.calibration.estimation.fit import Fit, fit_with_effects
+from posture_opt.calibration.estimation.fit_request import FitRequest, Stages
 from posture_opt.calibration.estimation.parameters import prior_covariance
-from posture_opt.calibration.estimation.progress import Stages
-from posture_opt.calibration.large_file import LargeFile
-from posture_opt.calibration.other_preset import free_directions
+from posture_opt.calibration.second_file import LargeFile
 from posture_opt.diagnosis.causes.causes import (
     Finding,
     contradiction_findings,
@@ -35,7 +32,7 @@ from posture_opt.diagnosis.scores import levels
 from posture_opt.interrupts import interruptible
 from posture_opt.limits import MOST_SEARCHED
 from posture_opt.measurements.measurements import Measurements
-from posture_opt.measurements.thinning import thin
+from posture_opt.measurements.repeats import thin
 from posture_opt.model.effects import Effect
 from posture_opt.numerics import Codes, Progress, rms
 from posture_opt.selection.problem_data import ProblemData

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from posture_opt.calibration.assumptions.geometric_deviation import GeometricDeviation
+from posture_opt.calibration.assumptions.contradictions import GeometricDeviation
 from posture_opt.calibration.calibrate import stated_errors
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.cross_validation import HeldOut
@@ -17,9 +17,8 @@ from posture_opt.calibration.doubts import Doubt
 from posture_opt.calibration.estimation.error_statistics import By, Statistics
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.fit_request import FitRequest
-from posture_opt.calibration.large_file import LargeFile
-from posture_opt.calibration.scatter_change import ScatterChange, scatter_change
-from posture_opt.calibration.start_up import StartUp, start_up
+from posture_opt.calibration.second_file import LargeFile
+from posture_opt.calibration.start_up import ScatterChange, StartUp, scatter_change, start_up
 from posture_opt.calibration.weights import Reading
 from posture_opt.diagnosis.cause_statements import CauseAction, cause_actions
 from posture_opt.diagnosis.causes.causes import Finding, tool_shifts, unknowable_causes
@@ -42,11 +41,10 @@ from posture_opt.model.effects import Cause, StatedSigma
 from posture_opt.numerics import Array, Codes, Json, Mask, rms, rms_length
 from posture_opt.result import Result
 from posture_opt.selection.comparison.comparison import Comparison
-from posture_opt.selection.fitted_arm import FittedArm
-from posture_opt.selection.problem_data import ProblemData
+from posture_opt.selection.problem_data import FittedArm, ProblemData
 from posture_opt.statements import Statement
 from posture_opt.validation.calibrated_arm import calibrated_models, compare_models
-from posture_opt.validation.repeat_scatter import prismatic_joints
+from posture_opt.validation.prediction import prismatic_joints
 
 Outcome = Literal["effects_found", "none_found", "unexplained", "insufficient_data"]
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from posture_opt.calibration.assumptions.geometric_deviation import GeometricDeviation
+from posture_opt.calibration.assumptions.contradictions import GeometricDeviation
 from posture_opt.calibration.calibration_statements import (
     ELSEWHERE,
     data_warnings,

@@ -27,7 +27,7 @@ from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent
 from posture_opt.diagnosis.search.linearised_data import LinearisedData
 from posture_opt.errors import InputError
 from posture_opt.experiments.candidate_postures import candidate_rows
-from posture_opt.experiments.expected_errors import PriorInformation
+from posture_opt.experiments.information import PriorInformation
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.effects import Cause, Effect
 from posture_opt.numerics import Array, Codes, Json, Mask

@@ -12,8 +12,8 @@ from posture_opt.calibration.calibrate import of_problem, restated, reweighed
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.estimation.error_statistics import folds_of, groups_of
 from posture_opt.calibration.estimation.fit import Fit
-from posture_opt.calibration.estimation.prior import known_rows
-from posture_opt.calibration.estimation.progress import Stages
+from posture_opt.calibration.estimation.fit_request import Stages
+from posture_opt.calibration.estimation.parameters import known_rows
 from posture_opt.calibration.weights import Reading, better_gravity, refuted_masses
 from posture_opt.diagnosis.causes.delivered_arm import PredictiveModel
 from posture_opt.diagnosis.causes.determined_sizes import choice_deviations, with_choice_errors, with_mass_errors
@@ -36,7 +36,7 @@ from posture_opt.measurements.repeats import repeats_of_one_kind
 from posture_opt.model.effects import Effect
 from posture_opt.model.effects.base.gravity_load import GravityLoaded
 from posture_opt.numerics import Array, Codes
-from posture_opt.validation.repeat_scatter import prismatic_joints
+from posture_opt.validation.prediction import prismatic_joints
 
 
 @dataclass(frozen=True)

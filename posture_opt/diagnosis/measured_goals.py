@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from posture_opt.calibration.cross_validation import HeldOut
-from posture_opt.measurements.measurements import Measurements, rows_of
-from posture_opt.measurements.row_inputs import arm_for
+from posture_opt.measurements.measurements import Measurements, arm_for, rows_of
 from posture_opt.numerics import Json
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.program.task_target import Reach, TaskTarget

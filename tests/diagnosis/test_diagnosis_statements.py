@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.calibration.assumptions.geometric_deviation import GeometricDeviation
-from posture_opt.calibration.scatter_change import ScatterChange
+from posture_opt.calibration.assumptions.contradictions import GeometricDeviation
+from posture_opt.calibration.start_up import ScatterChange
 from posture_opt.diagnosis.cause_statements import of_one_type
 from posture_opt.diagnosis.causes.causes import Finding
 from posture_opt.diagnosis.diagnosis_statements import uneven_statements

@@ -37,10 +37,9 @@ from posture_opt.model.effects import (
     NoiseEffect,
 )
 from posture_opt.model.effects.base.gravity_load import GravityLoaded
-from posture_opt.model.effects.base.lost_motion import LostMotion
-from posture_opt.model.effects.base.multiples import resolution
+from posture_opt.model.effects.base.joint_effect import LostMotion
+from posture_opt.model.effects.base.multiples import RotatingPart, resolution
 from posture_opt.model.effects.base.plausible_range import PlausibleRange
-from posture_opt.model.effects.base.rotating_parts import RotatingPart
 from posture_opt.numerics import Array, Codes, Json
 from posture_opt.robot.robot import Robot
 from posture_opt.units import DIMENSIONS

@@ -11,13 +11,11 @@ from typing import Literal
 import numpy as np
 
 from posture_opt.calibration.calibration import Calibration
-from posture_opt.calibration.cross_validation import Folds, HeldOut
+from posture_opt.calibration.cross_validation import Folds, HeldOut, LeftOut, LinearModel, leave_out
 from posture_opt.calibration.estimation.error_statistics import Statistics
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.fit_request import nearest_semidefinite, persistent_sources, places_in_robot
-from posture_opt.calibration.estimation.linear_model import LinearModel
 from posture_opt.calibration.estimation.residuals import gravity_of
-from posture_opt.calibration.leave_out import LeftOut, leave_out
 from posture_opt.diagnosis.causes.determined_sizes import (
     determined_parts,
     determines_all,
@@ -29,11 +27,9 @@ from posture_opt.diagnosis.causes.determined_sizes import (
 )
 from posture_opt.model.effects import Effect, NoiseEffect
 from posture_opt.numerics import Array, Codes, Json, rms
-from posture_opt.selection.fitted_arm import FittedArm
-from posture_opt.selection.problem_data import ProblemData
+from posture_opt.selection.problem_data import FittedArm, ProblemData
 from posture_opt.uncertainty.sources.sources import Sources
-from posture_opt.validation.calibrated_arm import NOMINAL_KEPT
-from posture_opt.validation.calibrated_second_arm import second_arms
+from posture_opt.validation.calibrated_arm import NOMINAL_KEPT, second_arms
 from posture_opt.validation.residual_scatter import residual_scatter
 
 

@@ -7,10 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from posture_opt.calibration.cross_validation import refit_of_fold, residual_indices
+from posture_opt.calibration.cross_validation import LinearModel, refit_of_fold, residual_indices
 from posture_opt.calibration.estimation.effect_sensitivities import EffectSensitivities
 from posture_opt.calibration.estimation.fit import Fit
-from posture_opt.calibration.estimation.linear_model import LinearModel
 from posture_opt.diagnosis.search.nested_selection import NestedSelection
 from posture_opt.model.effects import Effect
 from posture_opt.model.effects.base.gravity_load import GravityLoaded

@@ -7,16 +7,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from posture_opt.calibration.assumptions.geometric_deviation import GeometricDeviation
+from posture_opt.calibration.assumptions.contradictions import GeometricDeviation
 from posture_opt.calibration.calibration import Calibration
-from posture_opt.calibration.cross_validation import Folds
-from posture_opt.calibration.estimation.effects_fit import fit_with_effects
-from posture_opt.calibration.estimation.fit import Fit
-from posture_opt.calibration.estimation.linear_model import LinearModel
-from posture_opt.calibration.estimation.parameters import Parameter
-from posture_opt.calibration.estimation.prior import Prior, known_rows
+from posture_opt.calibration.cross_validation import Folds, LinearModel, leave_out
+from posture_opt.calibration.estimation.fit import Fit, fit_with_effects
+from posture_opt.calibration.estimation.parameters import Parameter, Prior, known_rows
 from posture_opt.calibration.estimation.residuals import Residuals
-from posture_opt.calibration.leave_out import leave_out
 from posture_opt.diagnosis.causes.causes import Finding
 from posture_opt.diagnosis.scores import levels
 from posture_opt.model.effects import Effect

@@ -30,8 +30,7 @@ from posture_opt.measurements.repeats import Contrasts, apart, repeat_of_row
 from posture_opt.model.effects import JointNoise, Outliers, Rows, StatedSigma
 from posture_opt.numerics import Array, Codes, Mask, rms, rms_length
 from posture_opt.selection.problem_data import ProblemData
-from posture_opt.validation.prediction import joint_errors, scatter_of_effects
-from posture_opt.validation.repeat_scatter import prismatic_joints
+from posture_opt.validation.prediction import joint_errors, prismatic_joints, scatter_of_effects
 from posture_opt.validation.scatter_model import whitened_repeats
 
 _TRUE_RATIO = 1.2  # a stated σ is true enough within this factor: less is not worth a word

@@ -16,6 +16,7 @@ import numpy as np
 from posture_opt.calibration.cross_validation import (
     Folds,
     HeldOut,
+    LinearModel,
     judged_rows,
     linear_held_out_errors,
     positions_of,
@@ -23,7 +24,6 @@ from posture_opt.calibration.cross_validation import (
 )
 from posture_opt.calibration.estimation.error_statistics import By, folds_of, groups_of
 from posture_opt.calibration.estimation.fit import Fit
-from posture_opt.calibration.estimation.linear_model import LinearModel
 from posture_opt.diagnosis.scores.candidates import Candidate
 from posture_opt.diagnosis.scores.subset_selection import nested_subsets
 from posture_opt.diagnosis.search.atoms import Dictionary

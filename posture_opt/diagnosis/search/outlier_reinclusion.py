@@ -8,9 +8,8 @@ import numpy as np
 
 from posture_opt.calibration.calibrate import recount_rows
 from posture_opt.calibration.calibration import Calibration
-from posture_opt.calibration.estimation.agreeing_rows import agreeing_rows
 from posture_opt.calibration.estimation.effect_sensitivities import EffectSensitivities, case_of
-from posture_opt.calibration.estimation.fit import Fit, position_parts
+from posture_opt.calibration.estimation.fit import Fit, agreeing_rows, position_parts
 from posture_opt.calibration.estimation.least_squares import OUTLIER_MARGIN, find_outliers, outlier_limit
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.diagnosis.scores import levels
