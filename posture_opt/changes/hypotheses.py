@@ -203,7 +203,6 @@ class Hypotheses:
 
     @cached_property
     def probabilities(self) -> Probabilities:
-        """Of all models after the rows, by Bayes' rule."""
         p, count = np.exp(self._logs - log_sum(self._logs)), len(self.forms)
         two = dict(zip(self.log_pairs, p[2 + count :].tolist(), strict=True))
         return Probabilities(float(p[0]), float(p[1]), p[2 : 2 + count], two)
@@ -284,7 +283,6 @@ class Probabilities:
 
     @property
     def one(self) -> float:
-        """Exactly one thing changed."""
         return float(np.sum(self.singles))
 
     @property
@@ -326,7 +324,6 @@ class Visibility:
 
     @property
     def name(self) -> str:
-        """The name of the change."""
         return change_name(self.kind, self.target)
 
     @property
@@ -335,7 +332,6 @@ class Visibility:
         return not (self.unit == "rad" and math.pi < self.size < math.inf)
 
     def to_json(self) -> dict[str, Json]:
-        """The entry of the document."""
         return {
             "kind": self.kind, "target": self.target, "power": self.power, "shift": finite_or_none(self.shift),
             "size": finite_or_none(self.size), "unit": self.unit,
@@ -343,7 +339,6 @@ class Visibility:
 
 
 def visibilities(models: Hypotheses) -> tuple[Visibility, ...]:
-    """Of every change, by its simplest form and the same random draws."""
     draws, found = np.random.default_rng(0).standard_normal((400, 6)), []
     for index, change in enumerate(models.changes):
         shift, single = _visible_motion(models, index, draws), len(change.parameters) == 1

@@ -66,7 +66,6 @@ class GaussianRows:
 
     @cached_property
     def normal(self) -> list[tuple[Array, Array]]:
-        """Normal equations at each noise level."""
         return [self.normal_equations(level) for level in NOISE_LEVELS]
 
 
@@ -213,7 +212,6 @@ class NewRows:
         return _whitened(self.noise, self.residuals.whitened(x))
 
     def take(self, kept: Codes) -> NewRows:
-        """Some of the rows, against the frames that all of them gave."""
         return replace(self, residuals=self.residuals.take(kept), noise=self.noise[kept])._at(self.x)
 
     def with_free(self, x: Array) -> Array:
@@ -225,7 +223,6 @@ class NewRows:
         return x
 
     def columns(self, change: PossibleChange) -> list[int]:
-        """Places of the parameters of a change in ``A``."""
         place = {p.name: i for i, p in enumerate(self.residuals.parameters)}
         return [place[p.name] for p in change.parameters]
 

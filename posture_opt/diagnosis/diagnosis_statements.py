@@ -36,7 +36,6 @@ MODELS = ("nominal", "calibrated", "extended")
 
 
 def statements_of(found: Diagnosis) -> Iterator[Statement]:
-    """All statements of a diagnosis, the errors first."""
     calibration, data = found.calibration, found.request.data
     yield _errors(found)
     if found.overfitted:
@@ -127,7 +126,6 @@ def _first(texts: Sequence[str], most: int) -> list[str]:
 
 
 def words(finding: Finding, problem: ProblemData) -> str:
-    """A cause in one clause; scatter of which the file states nothing is said to be so."""
     noise, sources = finding.noise, problem.sources
     if noise is not None and noise.unstated and finding.determined:
         names = noise.scatter(problem.robot)

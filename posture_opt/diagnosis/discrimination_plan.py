@@ -216,7 +216,6 @@ class ModelDiscrimination:
 
     @cached_property
     def joints(self) -> tuple[int, ...]:
-        """The joints of the effects and their rivals."""
         names = self.linearised.sensitivities.residuals.robot.joint_names
         effects = [s for d in self.all for s in (self.model.effects[d.place], d.rival)]
         parts = {part for s in effects for part in s.target.split("->")}
@@ -225,7 +224,6 @@ class ModelDiscrimination:
 
     @cached_property
     def sided(self) -> tuple[int, ...]:
-        """The joints whose side of approach matters, where the data state it."""
         names = self.linearised.sensitivities.residuals.robot.joint_names
         asked = {e.target for e, _ in self.members if "approach" in e.needs}
         known = "approach" in self.linearised.excitation.inputs
@@ -306,7 +304,6 @@ class DiscriminatedPair:
     count: int | None
 
     def to_json(self) -> dict[str, Json]:
-        """Angle in rad; ``chance`` that the planned measurements show the difference."""
         return {
             "kind": self.rival.kind, "target": self.rival.target, "angle": self.angle, "lambda_now": self.now,
             "lambda": self.then, "chance": detection_probability(self.then), "count": self.count,
@@ -344,7 +341,6 @@ class DiscriminationPlan:
         return found
 
     def to_json(self, place: int) -> dict[str, Json]:
-        """The entry ``split`` of an effect in ``diagnosis.json``: of the rival that is hardest to refute."""
         pairs = self.pairs[place]
         return {
             "angle": min(s.angle for s in pairs),

@@ -62,7 +62,6 @@ class Explained:
 
     @cached_property
     def model(self) -> Fit:
-        """The calibrated arm with the effects that have a name."""
         return with_mass_errors(with_choice_errors(self.predictive.fit, self.deviations))
 
     @property

@@ -86,17 +86,14 @@ class Finding:
 
     @property
     def sizes(self) -> FittedSizes:
-        """Its size as words and inspections need it."""
         return self.fitted or FittedSizes(self.estimate)
 
     @property
     def label(self) -> str:
-        """Kind and target, as its size has them."""
         return self.cause.labelled(self.sizes)
 
     @property
     def size_text(self) -> str:
-        """The size that is shown with its words; empty where no single number says it, or no data."""
         return self.cause.headline(self.sizes) if self.determined else ""
 
     @property
@@ -106,7 +103,6 @@ class Finding:
 
     @property
     def plausible(self) -> bool:
-        """Whether an arm can have this cause in this size, by what is published."""
         return not self.would_need
 
     @property
@@ -128,11 +124,9 @@ class Finding:
         return self.cause if isinstance(self.cause, NoiseEffect) else None
 
     def inspect(self, robot: Robot) -> str:
-        """What to look at on the arm, in one line."""
         return self.cause.inspect_fitted(robot, self.sizes)
 
     def to_json(self) -> dict[str, Json]:
-        """The entry of ``effects`` in ``diagnosis.json``."""
         interval = {} if self.interval is None else {"gain_interval95": list(self.interval)}
         stated = {name: {"stated": value} for name, value in _named_values(self.stated).items()}
 
@@ -236,12 +230,10 @@ def tool_shifts(model: Fit, finding: Finding) -> tuple[Array, Array]:
 
 
 def noise_finding(cause: NoiseCause) -> Finding:
-    """A kind of noise as a finding: it brings nothing to the errors themselves."""
     return Finding.independent(cause.effect, cause.estimate, cause.p_value, 0.0, cause.confounded_with)
 
 
 def contradiction_findings(calibration: Calibration) -> list[Finding]:
-    """What the file states as known and the data refute, as findings; the gain is that of setting it aside."""
     refuted = (c for c in calibration.contradictions if c.gain > 0)
     return [Finding(c.cause, c.estimate, c.p_value, c.gain, refuted_sigma=c.sigma) for c in refuted]
 

@@ -35,8 +35,6 @@ from posture_opt.validation.residual_scatter import residual_scatter
 
 @dataclass(frozen=True, eq=False)
 class PredictiveModel:
-    """An arm with effects, each of which rows held out from the fit need."""
-
     calibration: Calibration
     fit: Fit
     kept: tuple[int, ...]
@@ -109,7 +107,14 @@ DeliveredAs = Literal["delivered", "together", "session", "size_undetermined", "
 
 @dataclass(frozen=True, eq=False)
 class Delivery:
-    """The arm to plan with."""
+    """The arm to plan with, by places of effects in the model of all effects.
+
+    Args:
+        session: of the session, ``vague`` of undetermined size: all else is fitted for both to be absent.
+        dropped: held-out rows are predicted no worse without them.
+        together: those of ``kept`` that are sure beside the rest of this very arm only.
+        nominal: whether no effect is delivered, and the geometry of the calibration neither.
+    """
 
     fit: Fit
     held: HeldOut
@@ -122,13 +127,11 @@ class Delivery:
 
     @property
     def model(self) -> Literal["extended", "without_session", "calibrated", "nominal"]:
-        """Which arm it is: with all effects, without those of the session, or with none of them."""
         if not self.kept:
             return "nominal" if self.nominal else "calibrated"
         return "without_session" if self.session else "extended"
 
     def status(self, place: int) -> DeliveredAs:
-        """How the effect at a place of the model is delivered, or why it is not."""
         if place in self.kept:
             return "together" if place in self.together else "delivered"
         if place in self.session:
@@ -136,7 +139,6 @@ class Delivery:
         return "size_undetermined" if place in self.vague else "no_gain"
 
     def to_json(self, effects: Sequence[Effect]) -> dict[str, Json]:
-        """The part ``delivered`` of ``diagnosis.json``; ``effects`` are those of the model."""
         reasons = {"session": self.session, "size_undetermined": self.vague, "no_gain": self.dropped}
         left = [(effects[i], reason) for reason, places in reasons.items() for i in places]
         return {

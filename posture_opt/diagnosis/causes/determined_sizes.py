@@ -107,7 +107,6 @@ def places_of_parts(model: Fit, place: int, parts: Sequence[int]) -> list[int]:
 
 
 def undetermined(model: Fit) -> list[int]:
-    """The places of the effects of a fit whose sizes the data do not determine."""
     return [place for place in range(len(model.effects)) if not determined_parts(model, place)]
 
 

@@ -43,12 +43,10 @@ class NoiseCandidate:
 
     @property
     def who(self) -> tuple[str, str]:
-        """Kind and target."""
         return self.kind, self.target
 
     @property
     def estimate(self) -> dict[str, tuple[float, float, str]]:
-        """Its size by name: value, standard error, SI unit."""
         name, unit = self.quantity
         return {name: (self.size, self.std, unit)}
 

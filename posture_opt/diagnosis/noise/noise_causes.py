@@ -291,7 +291,6 @@ class NoiseFloor:
 
     @property
     def label(self) -> str:
-        """Its name in tables and figures."""
         return "measurement noise" if self.repeated else f"{self.source} as stated"
 
     @classmethod

@@ -55,12 +55,10 @@ class Candidate:
 
     @property
     def named(self) -> bool:
-        """Whether it is an effect of the catalogue."""
         return isinstance(self.what, Effect)
 
     @property
     def detached(self) -> Candidate:
-        """With columns of its own, so that the blocks in which they are kept can be freed."""
         return self if self.place is None else replace(self, Z=self.Z.copy(), place=None)
 
     @property
@@ -75,7 +73,6 @@ class Candidate:
 
     @property
     def less_likely(self) -> bool:
-        """Whether it has a name and is asked for more evidence than others."""
         return self.what.less_likely
 
     @property
@@ -93,7 +90,6 @@ class Candidate:
 
     @property
     def family(self) -> str:
-        """Family of tests that it belongs to."""
         return self.what.family
 
     @property
@@ -325,7 +321,6 @@ class Lines:
         return 1.5 * float(np.diff(self.cycles[:2]).sum())
 
     def candidate(self, cycles: float, sensitivities: EffectSensitivities) -> Candidate:
-        """The line of so many cycles per revolution: a sine and a cosine of the joint value about its centre."""
         line = self.form.with_shape(float(cycles))
         return Candidate(line, sensitivities.columns(line), len(self.cycles) / OVERSAMPLING)
 

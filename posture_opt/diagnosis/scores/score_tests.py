@@ -57,7 +57,6 @@ class ProjectedBaseline:
 
     @property
     def freedom(self) -> int:
-        """Degrees of freedom of the residuals."""
         return self.count - int(self.Q.shape[1])
 
     @cached_property
@@ -128,7 +127,6 @@ class ProjectedColumns:
     scores: Array
 
     def __len__(self) -> int:
-        """Number of candidates."""
         return len(self.edges) - 1
 
     @property

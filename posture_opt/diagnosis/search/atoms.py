@@ -129,8 +129,6 @@ def _along(vectors: Array, lever: Array) -> Array:
 
 
 class WrittenAtoms(Atoms):
-    """Candidates whose columns are stored: everything but lines."""
-
     def __init__(self, candidates: Sequence[Candidate], sensitivities: EffectSensitivities) -> None:
         self.members: tuple[Candidate, ...] = tuple(candidates)
         self._sensitivities = sensitivities

@@ -150,8 +150,6 @@ def _pursue_together(dictionary: Dictionary, most: int, held_out: Sequence[Codes
 
 
 class _Pursuit:
-    """One of the pursuits that run side by side."""
-
     def __init__(self, linearised: LinearisedData, place: int, held_out: Codes | None) -> None:
         self.place = place
         self._linearised, self._whole = linearised, held_out is None
@@ -167,12 +165,10 @@ class _Pursuit:
 
     @property
     def rss(self) -> float:
-        """The sum of squares that is left."""
         return float(self.e @ self.e)
 
     @property
     def goes_on(self) -> bool:
-        """Whether there is anything left to explain, and anything that would."""
         return not self._ended and self.freedom >= 1 and self.rss > 0
 
     def take_best(self, states: Sequence[AtomStates], drops: Sequence[Array]) -> Taken | None:

@@ -161,11 +161,7 @@ def _fold_path(
 
 @dataclass(frozen=True, eq=False)
 class Folding:
-    """A way to leave rows out.
-
-    Args:
-        groups: (N,) codes of rows that are correlated and left out together.
-    """
+    """A way to leave rows out; groups: (N,) codes of rows that are correlated and left out together."""
 
     groups: Codes
     folds: Folds

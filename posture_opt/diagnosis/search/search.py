@@ -61,7 +61,6 @@ class InitialScores:
 
     @property
     def best_p_value(self) -> float:
-        """Family-wise p-value of the best candidate; 1 without any."""
         return self.scored[0].p_value if self.scored else 1.0
 
     def decided(self) -> InitialScores:
@@ -123,12 +122,10 @@ class SearchResult:
 
     @property
     def size(self) -> int:
-        """How many candidates were chosen, every line of a joint counted."""
         return _count(self.chosen)
 
     @property
     def detached(self) -> SearchResult:
-        """Without the dictionary that it was found in."""
         return replace(
             self,
             chosen=tuple(s.detached for s in self.chosen),
@@ -201,7 +198,6 @@ def search_effects(
 
 
 def candidates_of(linearised: LinearisedData) -> list[Candidate]:
-    """Every candidate but lines, with what the instrument as stated limits them to."""
     return list_candidates(linearised.sensitivities, linearised.excitation, linearised.G, linearised.instrument)
 
 
@@ -330,7 +326,6 @@ def keep_named(linearised: LinearisedData, found: SearchResult, kept: Sequence[i
 
 
 def _search_result(start: InitialScores, found: _Selection) -> SearchResult:
-    """The members by their weight, each with its p-value given the others and its rivals."""
     weights = member_weights(start.linearised, found.chosen)
     order = sorted(range(len(weights)), key=lambda i: -weights[i][1])
     chosen = tuple(found.chosen[i] for i in order)

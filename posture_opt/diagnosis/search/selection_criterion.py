@@ -23,14 +23,12 @@ from posture_opt.numerics import Array, Codes
 
 
 def merged_candidates(former: Iterable[Candidate], new: Iterable[Candidate]) -> tuple[Candidate, ...]:
-    """The former candidates, and the new ones that are not among them."""
     former = tuple(former)
     known = {str(s.what) for s in former}
     return (*former, *(s for s in new if str(s.what) not in known))
 
 
 def candidate_pool(baseline: ProjectedBaseline, candidates: Sequence[Candidate]) -> Pool:
-    """Candidates with their penalties on a baseline; two shapes of one effect exclude each other."""
     columns = ProjectedColumns.of(baseline, [s.Z for s in candidates])
     freedom, rss = baseline.freedom, float(baseline.e @ baseline.e)
     evidence = columns.gains / max(rss / max(freedom, 1), 1e-300)
