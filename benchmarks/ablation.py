@@ -20,7 +20,7 @@ import numpy as np
 import posture_opt as po
 from benchmarks.machine import machine_line
 from posture_opt.diagnosis.scores import levels
-from posture_opt.diagnosis.search.linearised_data import LinearisedData, linearise_calibration
+from posture_opt.diagnosis.scores.candidates import LinearisedData, linearise_calibration
 from posture_opt.diagnosis.search.search import SearchResult, remaining_unnamed, search_effects
 from tests.hidden.draw import OutOfReach, draw
 from tests.hidden.files import write

@@ -20,7 +20,6 @@ from typing import Any
 import posture_opt as po
 from benchmarks.machine import machine_line
 from posture_opt.diagnosis import diagnose as stages
-from posture_opt.diagnosis import explained
 from posture_opt.diagnosis.scores import levels
 from tests.hidden.draw import OutOfReach, draw
 from tests.hidden.files import write
@@ -110,16 +109,16 @@ class SharedSearch:
     """`diagnose` with calibration and search of each case done once, for levels that act after them."""
 
     def __init__(self) -> None:
-        self.calibrate, self.search = stages.calibrate, explained._search_effects
+        self.calibrate, self.search = stages.calibrate, stages._search_effects
         self.known: dict[int, tuple[Any, Any]] = {}
 
     def __enter__(self) -> SharedSearch:
         stages.calibrate = self._calibrated  # type: ignore[assignment]
-        explained._search_effects = self._found
+        stages._search_effects = self._found
         return self
 
     def __exit__(self, *_: object) -> None:
-        stages.calibrate, explained._search_effects = self.calibrate, self.search
+        stages.calibrate, stages._search_effects = self.calibrate, self.search
 
     def _calibrated(self, problem: Any, data: Any, **options: Any) -> Any:
         if id(problem) not in self.known:

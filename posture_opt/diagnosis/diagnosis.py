@@ -31,10 +31,9 @@ from posture_opt.diagnosis.measured_goals import MeasuredGoals, measured_goals
 from posture_opt.diagnosis.noise.noise_causes import NoiseFloor, known_sides, sided_joints
 from posture_opt.diagnosis.noise.uneven_noise import RepeatPlan, UnevenErrors, plan_repeats
 from posture_opt.diagnosis.scores import levels
-from posture_opt.diagnosis.scores.candidates import Candidate
+from posture_opt.diagnosis.scores.candidates import Candidate, LinearisedData, linearise_calibration
 from posture_opt.diagnosis.scores.lack_of_fit import Adequacy
 from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent
-from posture_opt.diagnosis.search.linearised_data import LinearisedData, linearise_calibration
 from posture_opt.diagnosis.search.search import SearchResult
 from posture_opt.measurements.repeats import Contrasts, repeat_groups
 from posture_opt.model.effects import Cause, StatedSigma

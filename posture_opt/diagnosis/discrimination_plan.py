@@ -21,10 +21,9 @@ import numpy as np
 from posture_opt.calibration.estimation.effect_sensitivities import EffectSensitivities
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.diagnosis.scores import levels
-from posture_opt.diagnosis.scores.candidates import Candidate
+from posture_opt.diagnosis.scores.candidates import Candidate, LinearisedData
 from posture_opt.diagnosis.scores.score_tests import orthonormal_basis
 from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent
-from posture_opt.diagnosis.search.linearised_data import LinearisedData
 from posture_opt.errors import InputError
 from posture_opt.experiments.candidate_postures import candidate_rows
 from posture_opt.experiments.information import PriorInformation

@@ -98,7 +98,7 @@ def _excess_errors(
 
 
 def _wrong_instruments(problem: ProblemData, model: Fit) -> list[UnevenErrors]:
-    """Instruments of a mixed file that scatter more than stated while another does not: what is missing shows in all."""
+    """Instruments of a mixed file that scatter more than stated while another does not: what lacks shows in all."""
     data, kind = model.residuals.data, model.residuals.data.kind
     assert isinstance(kind, Mixed), "a file of several instruments"
     assert data.part is not None, "a file of several instruments"

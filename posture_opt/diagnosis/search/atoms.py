@@ -12,10 +12,9 @@ import numpy as np
 
 from posture_opt.calibration.cross_validation import residual_indices
 from posture_opt.calibration.estimation.effect_sensitivities import EffectSensitivities
-from posture_opt.diagnosis.scores.candidates import Candidate, Lines
-from posture_opt.diagnosis.scores.fourier_sums import FourierSums, weighted_squares
+from posture_opt.diagnosis.scores.candidates import Candidate, LinearisedData, Lines
+from posture_opt.diagnosis.scores.score_tests import FourierSums, weighted_squares
 from posture_opt.diagnosis.scores.subset_selection import projected_gains
-from posture_opt.diagnosis.search.linearised_data import LinearisedData
 from posture_opt.diagnosis.search.selection_criterion import price_of_choice
 from posture_opt.diagnosis.search.shape_refinement import finer_shapes
 from posture_opt.model.effects import CyclicError

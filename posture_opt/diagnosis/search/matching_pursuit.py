@@ -14,11 +14,10 @@ import numpy as np
 
 from posture_opt.calibration.cross_validation import residual_indices
 from posture_opt.diagnosis.scores import levels
-from posture_opt.diagnosis.scores.candidates import Candidate
+from posture_opt.diagnosis.scores.candidates import Candidate, LinearisedData
 from posture_opt.diagnosis.scores.score_tests import beyond_limits, orthonormal_basis, stacked_sizes
 from posture_opt.diagnosis.scores.subset_selection import explained_squares, row_products
 from posture_opt.diagnosis.search.atoms import Atoms, Dictionary
-from posture_opt.diagnosis.search.linearised_data import LinearisedData
 from posture_opt.diagnosis.search.selection_criterion import price_of_parameters
 from posture_opt.diagnosis.search.shape_refinement import sharpen_lines
 from posture_opt.model.effects import CyclicError

@@ -24,10 +24,9 @@ from posture_opt.calibration.cross_validation import (
 )
 from posture_opt.calibration.estimation.error_statistics import By, folds_of, groups_of
 from posture_opt.calibration.estimation.fit import Fit
-from posture_opt.diagnosis.scores.candidates import Candidate
+from posture_opt.diagnosis.scores.candidates import Candidate, LinearisedData
 from posture_opt.diagnosis.scores.subset_selection import nested_subsets
 from posture_opt.diagnosis.search.atoms import Dictionary
-from posture_opt.diagnosis.search.linearised_data import LinearisedData
 from posture_opt.diagnosis.search.matching_pursuit import Pursued, pursue_in_folds
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.effects import Effect

@@ -8,11 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from posture_opt.diagnosis.scores import levels
-from posture_opt.diagnosis.scores.candidates import Candidate, ScoredCandidate
-from posture_opt.diagnosis.scores.fourier_sums import scan_frequencies
-from posture_opt.diagnosis.scores.score_tests import ProjectedBaseline, projected_basis
+from posture_opt.diagnosis.scores.candidates import Candidate, LinearisedData, ScoredCandidate
+from posture_opt.diagnosis.scores.score_tests import ProjectedBaseline, projected_basis, scan_frequencies
 from posture_opt.diagnosis.scores.subset_selection import Chosen, Pool, close_alternatives
-from posture_opt.diagnosis.search.linearised_data import LinearisedData
 from posture_opt.diagnosis.search.selection_criterion import (
     beyond_instrument,
     candidate_pool,

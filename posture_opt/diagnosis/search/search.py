@@ -12,6 +12,7 @@ from posture_opt.calibration.data_checks import spread_poses
 from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.scores.candidates import (
     Candidate,
+    LinearisedData,
     ScoredCandidate,
     absorbed_candidates,
     list_candidates,
@@ -20,7 +21,6 @@ from posture_opt.diagnosis.scores.candidates import (
 from posture_opt.diagnosis.scores.score_tests import NullDistribution, ProjectedBaseline
 from posture_opt.diagnosis.scores.subset_selection import exchange_members, nested_subsets
 from posture_opt.diagnosis.search.atoms import Dictionary
-from posture_opt.diagnosis.search.linearised_data import LinearisedData
 from posture_opt.diagnosis.search.matching_pursuit import pursue_candidates
 from posture_opt.diagnosis.search.nested_selection import Folding, NestedSelections
 from posture_opt.diagnosis.search.rivals import Rivals, find_rivals

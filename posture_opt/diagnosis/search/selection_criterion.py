@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from posture_opt.diagnosis.scores import levels
-from posture_opt.diagnosis.scores.candidates import Candidate
+from posture_opt.diagnosis.scores.candidates import Candidate, LinearisedData
 from posture_opt.diagnosis.scores.score_tests import (
     NullDistribution,
     ProjectedBaseline,
@@ -17,7 +17,6 @@ from posture_opt.diagnosis.scores.score_tests import (
     log_p,
 )
 from posture_opt.diagnosis.scores.subset_selection import Pool, nested_subsets
-from posture_opt.diagnosis.search.linearised_data import LinearisedData
 from posture_opt.model.effects import Effect, FittedSizes
 from posture_opt.numerics import Array, Codes
 
