@@ -77,15 +77,6 @@ class Candidate:
         return self.what.for_planning
 
     @property
-    def less_likely(self) -> bool:
-        return self.what.less_likely
-
-    @property
-    def limits(self) -> tuple[float, float]:
-        """Physical limits of its parameters [SI]."""
-        return self.what.limits
-
-    @property
     def kind(self) -> str:
         return self.what.kind
 
@@ -101,11 +92,6 @@ class Candidate:
     def key(self) -> tuple[str, str]:
         """Kind and target: of all shapes the best one is kept."""
         return self.kind, self.target
-
-    @property
-    def exclusive(self) -> object:
-        """Common to candidates that are shapes of one effect, of which a model holds one."""
-        return self.what.exclusive
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,7 +235,7 @@ def score_candidates(
     rss = baseline.rss
     values = log_p(gains[:, 0], rss[0], sizes, baseline.freedom)
     cyclic, lowest = _cyclic_candidates(baseline, sensitivities, lines)
-    families = np.array([candidate.family for candidate in offered])
+    families = np.array([candidate.what.family for candidate in offered])
     least = {
         family: _least_log_p(gains[families == family], sizes[families == family], baseline)
         for family in levels.FAMILY_SHARES
@@ -259,7 +245,7 @@ def score_candidates(
 
     def scored(candidate: Candidate, left: float, p: float, gain: float) -> ScoredCandidate:
         share = gain / float(rss[0]) if rss[0] > 0 else 0.0
-        return ScoredCandidate(candidate, left, p, null.family_wise(p, candidate.family), share)
+        return ScoredCandidate(candidate, left, p, null.family_wise(p, candidate.what.family), share)
 
     best: dict[tuple[str, str], int] = {}
     for row, candidate in enumerate(offered):
@@ -277,10 +263,10 @@ def _within_limits(baseline: ProjectedBaseline, candidates: Sequence[Candidate],
     """``gains`` (candidates, 1 + B) without those whose estimate is beyond the physical limits of the parameters."""
     gains = np.where(gains > np.array([c.most for c in candidates])[:, None], 0.0, gains) if candidates else gains
     for row, candidate in enumerate(candidates):
-        if np.isfinite(candidate.limits).any():
+        if np.isfinite(candidate.what.limits).any():
             Z = baseline.project(candidate.Z)
             sizes, errors = fitted_sizes(Z.T @ Z, Z.T @ baseline.flipped, baseline.rss / max(baseline.freedom, 1))
-            gains[row, np.any(beyond_limits(sizes, errors, *candidate.limits), axis=0)] = 0.0
+            gains[row, np.any(beyond_limits(sizes, errors, *candidate.what.limits), axis=0)] = 0.0
     return gains
 
 

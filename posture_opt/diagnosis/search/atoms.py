@@ -134,11 +134,11 @@ class WrittenAtoms(Atoms):
         self._blocks = _column_blocks(candidates)
         self._grams = self._products_of_columns(None)
         self.prices: Array = np.array([price_of_choice(c) for c in candidates])
-        self.limits: Array = np.array([c.limits for c in candidates])
+        self.limits: Array = np.array([c.what.limits for c in candidates])
         self.most: Array = np.array([c.most for c in candidates])
         self._alike: dict[object, list[int]] = {}
         for i, c in enumerate(candidates):
-            self._alike.setdefault(c.exclusive, []).append(i)
+            self._alike.setdefault(c.what.exclusive, []).append(i)
 
     def grams(self, held_out: Sequence[Codes | None]) -> Array:
         """Inner products (F, n, k, k): those of all rows, taken once, less those of the rows that a fold leaves out."""
@@ -180,7 +180,7 @@ class WrittenAtoms(Atoms):
 
     def excluded(self, chosen: Candidate) -> Codes:
         """Indices of other shapes of the same effect."""
-        return np.array(self._alike.get(chosen.exclusive, []), dtype=np.intp)
+        return np.array(self._alike.get(chosen.what.exclusive, []), dtype=np.intp)
 
 
 def _column_blocks(candidates: Sequence[Candidate]) -> list[Array]:

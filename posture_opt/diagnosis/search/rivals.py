@@ -46,7 +46,7 @@ def find_rivals(
     named, persistent = (np.array([getattr(s, name) for s in every]) for name in ("named", "persistent"))
     # A parameter at 2 in place of log m (Akaike 1974): data have not refuted what only costs more.
     less = np.where(named & few, (np.log(pool.freedom) - 2.0) * pool.columns.sizes, 0.0)
-    unlikely = np.array([levels.CHOICE_PENALTY * s.less_likely for s in every])
+    unlikely = np.array([levels.CHOICE_PENALTY * s.what.less_likely for s in every])
     lenient = replace(pool, penalty=pool.penalty - np.maximum(less, 0.0) - unlikely)
     criterion = pool.criterion(members)
     alone = pool.additions(()) if len(members) > 1 else []
@@ -67,8 +67,8 @@ def _best_shapes(pool: Pool, every: Sequence[Candidate], member: int, others: Ch
     found: dict[object, Candidate] = {}
     for k in others:
         if pool.alike(member, k) > levels.MIN_RIVAL_COSINE and every[k].key != every[member].key:
-            found.setdefault(every[k].exclusive, every[k])
-    found.pop(every[member].exclusive, None)
+            found.setdefault(every[k].what.exclusive, every[k])
+    found.pop(every[member].what.exclusive, None)
     return list(found.values())
 
 
