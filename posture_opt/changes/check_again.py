@@ -66,7 +66,6 @@ def without_gross_rows(rows: NewRows) -> tuple[Hypotheses, Codes]:
 
 
 def _suspects(models: Hypotheses, kept: Codes) -> Codes:
-    """The eight rows with the largest errors beside the likeliest single change."""
     best = int(np.argmax(models.log_singles))
     own, estimate = models.own[best][0], models.estimates()[best]
     left = own.r + own.A[:, own.columns(models.changes[best])] @ estimate.mean

@@ -89,7 +89,6 @@ class Hypotheses:
 
     @classmethod
     def of(cls, rows: NewRows) -> Hypotheses:
-        """From rows and what may have changed on them."""
         gaussian = GaussianRows.of(rows.r, rows.P, rows.A)
         forms = tuple(form for form in (tuple(Form.of(rows, change)) for change in rows.moving) if form)
         found = cls(rows, gaussian, forms, ((rows, gaussian),) * len(forms))

@@ -288,7 +288,6 @@ class Explained:
 
     @cached_property
     def nested(self) -> NestedSelection:
-        """What each fold chose among them."""
         return self.names.nested.each[0].with_moments_of(self.model.effects)
 
     @property
@@ -341,7 +340,6 @@ def _explain(calibration: Calibration, draws: int, seed: int, stages: Stages | N
 
 
 def _explain_residuals(calibration: Calibration, draws: int, seed: int, stages: Stages | None = None) -> Explained:
-    """The arm with what a search found, and what it leaves."""
     calibration, linearised, found = _search_effects(calibration, draws, seed, stages or Stages(None, 1, 1))
     found, predictive = _needed_effects(calibration, linearised, found)
     model, residuals = predictive.fit, linearised.sensitivities.residuals

@@ -411,5 +411,4 @@ def _named(cause: Cause | Candidate) -> dict[str, Json]:
 
 
 def _stated(parts: Mapping[str, Any]) -> dict[str, Json]:
-    """The entries of those parts of a document that there are."""
     return {name: part.to_json() for name, part in parts.items() if part is not None}

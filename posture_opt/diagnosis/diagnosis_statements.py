@@ -78,7 +78,6 @@ def statements_of(found: Diagnosis) -> Iterator[Statement]:
 
 
 def _errors(found: Diagnosis) -> Statement:
-    """RMS error on held-out rows of each model, and the noise below them."""
     data, floor = found.request.data, found.noise_floor
     what = "error" if data.position is not None or data.touches else data.kind.error_words
     models, which = (MODELS, "error-effects") if found.fitted_effects else (MODELS[:2], "error")
@@ -90,7 +89,6 @@ def _errors(found: Diagnosis) -> Statement:
 
 
 def _causes(found: Diagnosis) -> Iterator[Statement]:
-    """What explains the errors, or part of them, and what is suspected."""
     geometry = [f for f in found.effects if f.effect is None and f.noise is None]
     others = [f for f in found.effects if f not in geometry and f.determined]
     causes = sorted(others or geometry, key=lambda f: unconfirmed(f, found.test))

@@ -86,7 +86,6 @@ class Finding:
     def independent(
         cls, cause: Cause, estimate: Estimates, p_value: float, gain: float, confounded_with: tuple[Cause, ...]
     ) -> Finding:
-        """Of independent estimates, determined where each of them is."""
         sizes = ((np.array([value]), np.array([[std**2]])) for value, std, _ in estimate.values())
         determined = all(is_determined(*size) for size in sizes)
         return cls(cause, estimate, p_value, gain, confounded_with, determined=determined)

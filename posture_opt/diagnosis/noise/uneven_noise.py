@@ -112,7 +112,6 @@ class NoiseSample:
         return cls(np.concatenate([sample.e for sample in samples]), rows, posture)
 
     def between(self, contrasts: Contrasts) -> NoiseSample:
-        """The differences between repeats alone."""
         scale = 1 / np.sqrt(contrasts.reading)
         levers = np.moveaxis(contrasts.means(np.moveaxis(self.rows.levers, 0, 2)) * scale[:, None, None], 2, 0)
         ranges = None if self.rows.ranges is None else contrasts.means(self.rows.ranges)

@@ -89,7 +89,6 @@ class Adequacy:
 
     @property
     def p_value(self) -> float:
-        """Of both tests together (Bonferroni)."""
         return float(min(1.0, 2 * min(self.lack_of_fit, self.structure)))
 
 

@@ -219,7 +219,6 @@ class Pool:
 
 
 def exchange_members(pool: Pool, chosen: Chosen) -> Chosen:
-    """Drops and swaps as long as the criterion falls."""
     value = pool.criterion(chosen)
     while True:
         trials = []

@@ -179,7 +179,6 @@ class WrittenAtoms(Atoms):
         return projected_gains(gram, (Z.T @ Q).reshape(-1, k, Q.shape[1]), (Z.T @ e).reshape(-1, k))
 
     def excluded(self, chosen: Candidate) -> Codes:
-        """Indices of other shapes of the same effect."""
         return np.array(self._alike.get(chosen.what.exclusive, []), dtype=np.intp)
 
 

@@ -167,7 +167,6 @@ class Folding:
 
     @classmethod
     def of(cls, data: Measurements, by: By, count: int) -> Folding:
-        """By pose, by place or by block."""
         groups = groups_of(data, by, count)
         return cls(groups, folds_of(groups, count, by))
 

@@ -290,7 +290,6 @@ def _exchanged_members(
 
 
 def _refined_members(linearised: LinearisedData, members: Sequence[Candidate]) -> list[Candidate]:
-    """The members, each at the shape that explains most given the others."""
     found = list(members)
     for i, member in enumerate(found):
         if not isinstance(member.what, CyclicError) and has_shape(linearised.sensitivities, member):

@@ -28,7 +28,6 @@ def refine_shape(sensitivities: EffectSensitivities, baseline: ProjectedBaseline
 
 
 def has_shape(sensitivities: EffectSensitivities, candidate: Candidate) -> bool:
-    """Whether `refine_shape` has anything to choose from."""
     effect = candidate.what
     if isinstance(effect, UnnamedComponent):
         return any(True for _ in finer_phases(sensitivities, effect))
