@@ -22,7 +22,7 @@ from posture_opt.selection.problem_data import FittedArm, ProblemData
 
 
 def changed_problem(problem: ProblemData, change: PossibleChange, estimate: Mapping[str, float]) -> ProblemData:
-    """The same problem with the parameters of a change off by ``estimate`` [rad, m or SI of the effect]."""
+    """Copy of a problem with the parameters of a change off by ``estimate`` [rad, m or SI of the effect]."""
     header = (f"Rechecked: {change.kind} of {change.target} is as new measurements have it, all else as it was.",)
     if change.effect is None:
         return problem.with_fit(FittedArm("", dict(estimate), header=header))

@@ -85,12 +85,12 @@ class NestedSelection:
         return next((size for size in range(1, self.best) if not clearly_less(best, self.totals[size])), self.best)
 
     def without(self, gone: Callable[[Effect], bool]) -> NestedSelection:
-        """The same choices without some effects: what each fold makes of the rest, fitted for them to be absent."""
+        """Choices without some effects: each fold fits the rest for them to be absent."""
         sets = tuple(tuple(tuple(e for e in own if not gone(e)) for own in fold) for fold in self.sets)
         return replace(self, sets=sets)
 
     def with_moments_of(self, effects: Sequence[Effect]) -> NestedSelection:
-        """The same choices, each slip at the moment of one of ``effects`` where the fold cannot tell them apart."""
+        """Choices with each slip at the moment of one of ``effects`` where the fold cannot tell them apart."""
         steps = [e for e in effects if isinstance(e, Slip)]
         if not steps:
             return self
