@@ -133,7 +133,6 @@ class Finding:
         return self.cause.inspect_fitted(robot, self.sizes)
 
     def to_json(self) -> dict[str, Json]:
-        interval = {} if self.interval is None else {"gain_interval95": list(self.interval)}
         stated = {name: {"stated": value} for name, value in _named_values(self.stated).items()}
 
         def alias(rival: Cause) -> bool:
@@ -151,7 +150,7 @@ class Finding:
             },
             "p_value": self.p_value,
             "gain": self.gain,
-            **interval,
+            **({} if self.interval is None else {"gain_interval95": list(self.interval)}),
             "confounded_with": [
                 {"kind": c.kind, "target": c.target, **({"qualifier": c.qualifier} if alias(c) else {})}
                 for c in self.confounded_with

@@ -155,7 +155,8 @@ def deliver_arm(
     """What is delivered of a model: an arm that predicts held-out rows better than the calibrated one, or that one."""
     stays = [i for i, effect in enumerate(model.effects) if outlasts_session(effect, with_time)]
     session = tuple(i for i in range(len(model.effects)) if i not in stays)
-    sure = {i: _sure_parts(model, i) for i in stays}
+    whole = {i: tuple(range(len(model.effects[i].size_parts))) for i in stays}
+    sure = {i: whole[i] if determines_all(model, i) else determined_parts(model, i) for i in stays}
     vague = tuple(i for i in stays if not sure[i])
     stays = [i for i in stays if sure[i]]
     rests = (model.effects[i].without_parts(sure[i]) for i in stays)
@@ -176,12 +177,6 @@ def deliver_arm(
     together = tuple(i for k, i in enumerate(kept) if len(stated_parts(fit, k)) < len(fit.effects[k].size_parts))
     dropped = tuple(i for i in stays if i not in kept)
     return Delivery(fit, errors, tuple(kept), session, vague, dropped, together, nominal)
-
-
-def _sure_parts(model: Fit, place: int) -> tuple[int, ...]:
-    if determines_all(model, place):
-        return tuple(range(len(model.effects[place].size_parts)))
-    return determined_parts(model, place)
 
 
 def _of_kept(model: Fit, deviations: Array, fit: Fit, parts: Mapping[int, Sequence[int]]) -> Array:

@@ -131,9 +131,6 @@ class ProjectedColumns:
     gram: Array
     scores: Array
 
-    def __len__(self) -> int:
-        return len(self.edges) - 1
-
     @property
     def sizes(self) -> Codes:
         """(candidates,) how many directions each has."""
