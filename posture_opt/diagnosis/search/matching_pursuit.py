@@ -121,9 +121,9 @@ class Pursued:
     runners_up: tuple[Candidate, ...]
 
 
-def pursue_candidates(dictionary: Dictionary, most: int, held_out: Codes | None = None) -> Pursued:
+def pursue_candidates(dictionary: Dictionary, most: int) -> Pursued:
     """The candidates that lower the criterion ``m log RSS + prices`` most, one after another, until none does."""
-    return _pursue_together(dictionary, most, [held_out])[0]
+    return _pursue_together(dictionary, most, [None])[0]
 
 
 def pursue_in_folds(dictionary: Dictionary, most: int, folds: Sequence[Codes]) -> Iterator[Pursued]:
@@ -190,8 +190,9 @@ class _Pursuit:
         if not q.shape[1]:
             states[best].closed[self.place, index] = True
             return None
-        compact = replace(candidate, Z=candidate.Z.astype(np.float32, copy=False))
-        self.chosen.append(compact if self._compact else candidate)
+        if self._compact:  # in single precision, as those of a dictionary of many rows are
+            candidate = replace(candidate, Z=candidate.Z.astype(np.float32, copy=False))
+        self.chosen.append(candidate)
         if isinstance(candidate.what, CyclicError) and self._together >= len(self.chosen):
             self.chosen = sharpen_lines(self._linearised, self.chosen, self.learn)
             self.Q, self.e = _projected_residuals(self._linearised, self.chosen, self.learn)
