@@ -80,7 +80,6 @@ class MeasuredGoals:
         return float(1.96 * np.sqrt(self.chance * (1 - self.chance) / self.goals))
 
     def to_json(self) -> dict[str, Json]:
-        """The entry ``goals`` of ``posture`` in ``diagnosis.json``."""
         return {
             "goals": self.goals, "postures": self.postures, "within": self.within, "better_by_chance": self.chance,
             "sent": {name: choice.to_json(self.clearance) for name, choice in self.sent.items()},
