@@ -39,13 +39,9 @@ def python_source(function: ca.Function, name: str, outputs: Sequence[int] | Non
     shapes = [y.shape for y in wanted]
     dense = ca.Function("steps", [x], wanted)
     lines = [f"def {name}(q):", *(f"    {line}" for line in _step_lines(dense))]
-    shaped = ", ".join(f"_shaped(q, y{i}, {_shape_text(shape)})" for i, shape in enumerate(shapes))
+    sizes = [(rows, columns) if columns > 1 else (rows,) if rows > 1 else () for rows, columns in shapes]
+    shaped = ", ".join(f"_shaped(q, y{i}, {size!r})" for i, size in enumerate(sizes))
     return "\n".join([*lines, f"    return {shaped}{',' * (len(shapes) == 1)}", ""])
-
-
-def _shape_text(size: tuple[int, int]) -> str:
-    rows, columns = size
-    return repr((rows, columns) if columns > 1 else (rows,) if rows > 1 else ())
 
 
 def _step_lines(function: ca.Function) -> Iterator[str]:
@@ -53,11 +49,8 @@ def _step_lines(function: ca.Function) -> Iterator[str]:
     for i in range(function.n_out()):
         yield f"y{i} = [0.0] * {function.nnz_out(i)}"
     for k in range(function.n_instructions()):
-        operation, into, given = (
-            function.instruction_id(k),
-            function.instruction_output(k),
-            function.instruction_input(k),
-        )
+        operation = function.instruction_id(k)
+        into, given = function.instruction_output(k), function.instruction_input(k)
         if operation == ca.OP_CONST:
             yield f"w{into[0]} = {float(function.instruction_constant(k))!r}"
         elif operation == ca.OP_INPUT:

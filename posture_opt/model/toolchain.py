@@ -102,8 +102,8 @@ def shared_library(identity: str, source: Callable[[], str], level: str = "-O1")
 
 def _kept_library(folder: Path, name: str) -> Library | None:
     for path in folder.glob(f"{name}.*{SUFFIX}"):
-        if _is_private(path) and _is_whole(path):
-            with contextlib.suppress(OSError):  # of another machine, or just pruned by another process
+        with contextlib.suppress(OSError):  # of another machine, or just pruned by another process
+            if _is_private(path) and path.name.split(".")[1] == _sha256_of(path):
                 handle = ctypes.CDLL(str(path))
                 os.utime(path)
                 return Library(path, handle)
@@ -127,13 +127,6 @@ def _compiled_library(
 
 def _sha256_of(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
-
-
-def _is_whole(path: Path) -> bool:
-    try:
-        return path.name.split(".")[1] == _sha256_of(path)
-    except OSError:
-        return False
 
 
 def _compile_text(folder: Path, compiler: tuple[str, ...], text: str, level: str) -> Path:
@@ -233,8 +226,7 @@ def _prune_cache(folder: Path) -> None:
 
 
 def _last_use(path: Path) -> float:
-    """Time of the last use of a library [s]: its modification time, which `_kept_library` renews; 0 where it is
-    gone."""
+    """Time of the last use of a library [s], which `_kept_library` renews; 0 where it is gone."""
     try:
         return path.stat().st_mtime
     except OSError:

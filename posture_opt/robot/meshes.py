@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from io import BytesIO
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -45,8 +44,14 @@ def _candidate_paths(name: str, folder: Path) -> list[Path]:
 def read_mesh(path: Path, scale: tuple[float, ...]) -> Edges:
     """The edges of a mesh, its lengths times ``scale`` (3,), in the frame of the ``<collision>`` element [m]. Read once
     for each version of the file (time and size of its last change)."""
-    status = path.stat()
-    return _read_edges(path, scale, status.st_mtime_ns, status.st_size)
+    mesh = _load_mesh(path)
+    vertices = np.asarray(mesh.vertices, dtype=float) * np.array(scale)
+    edges = np.asarray(mesh.edges_unique)
+    if not len(edges) or not _usable(vertices):
+        raise UnreadMeshError(f"mesh {path.name} is empty or broken")
+    if len(mesh.faces) > MAX_FACES:
+        return Edges.about(vertices)
+    return Edges(vertices[edges[:, 0]], vertices[edges[:, 1]])
 
 
 def read_triangles(path: Path) -> Array:
@@ -58,19 +63,6 @@ def read_triangles(path: Path) -> Array:
     if not len(triangles) or not _usable(triangles) or not np.ptp(triangles.reshape(-1, 3), axis=0).max():
         raise UnreadMeshError(f"mesh {path.name} is empty or broken")
     return triangles
-
-
-@lru_cache(maxsize=64)
-def _read_edges(path: Path, scale: tuple[float, ...], _changed: int, _size: int) -> Edges:
-    """The edges [m]; ``_changed`` and ``_size`` are in the key of the cache alone."""
-    mesh = _load_mesh(path)
-    vertices = np.asarray(mesh.vertices, dtype=float) * np.array(scale)
-    edges = np.asarray(mesh.edges_unique)
-    if not len(edges) or not _usable(vertices):
-        raise UnreadMeshError(f"mesh {path.name} is empty or broken")
-    if len(mesh.faces) > MAX_FACES:
-        return Edges.about(vertices)
-    return Edges(vertices[edges[:, 0]], vertices[edges[:, 1]])
 
 
 def _usable(coordinates: Array) -> bool:

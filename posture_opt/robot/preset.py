@@ -67,20 +67,17 @@ class PresetFile(Spec):
     def build(self) -> Robot:
         """The preset in numbers, with the source of each group of numbers."""
         given, robot = self.repeatability, self.robot.build(Path())
+        # As constants: errors of the first frame are those of the base.
+        first = [Factor(f.kind, f.axis, f.nominal) for f in self.first_frame.factors("base") if f.nominal]
         return replace(
             robot,
             name=self.title,
-            links=((*self._first_factors(), *robot.links[0]), *robot.links[1:]),
+            links=((*first, *robot.links[0]), *robot.links[1:]),
             sources=tuple(self.source.items()),
             notes=self.notes,
             repeatability=Repeatability(given.value, given.source) if given else None,
             mounting_below=self.mounting_below,
         )
-
-    def _first_factors(self) -> tuple[Factor, ...]:
-        """``first_frame`` as constants: errors of it are those of the base."""
-        factors = self.first_frame.factors("base")
-        return tuple(Factor(factor.kind, factor.axis, factor.nominal) for factor in factors if factor.nominal)
 
 
 class PresetRobot(RobotFormat):

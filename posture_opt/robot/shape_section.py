@@ -80,21 +80,19 @@ def shaped(robot: Robot, given: ShapeSpec | None, T_last: Array | None = None) -
     if issues:
         raise InputError(issues)
     MOST_CAPSULES.check_at(sum(map(len, parts.values())), ("shape",))
-    capsules = tuple(_located(spec.capsule(), robot, T_last) for specs in parts.values() for spec in specs)
+    stated = [spec.capsule() for specs in parts.values() for spec in specs]
+    last = robot.joint_names[-1]
+    capsules = tuple(moved(c, T_last) if T_last is not None and c.joint == last else c for c in stated)
     if section.radius is not None:
         return replace(robot, shape=(*along_links(robot, section.radius), *capsules))
     if section.replace is not None:
-        gone = _gone(robot, capsules)
+        given_joints = {capsule.joint for capsule in capsules}
+        gone = tuple(dict.fromkeys(c.joint for c in robot.shape if c.joint not in given_joints))
         notes = (f"shape replaces the arm's own capsules: nothing of {listed(gone)} is checked for collisions",)
         return replace(robot, shape=capsules, shape_notes=notes if gone else (), unshaped=gone)
     plain = not isinstance(given, ShapeSection) and robot.shape
     notes = ("shape, a plain list, is added to the arm's own capsules (replace: [...] would replace them)",)
     return replace(robot, shape=(*robot.shape, *capsules), shape_notes=robot.shape_notes + (notes if plain else ()))
-
-
-def _located(capsule: Capsule, robot: Robot, T_last: Array | None) -> Capsule:
-    """The capsule in the frame behind its joint."""
-    return moved(capsule, T_last) if T_last is not None and capsule.joint == robot.joint_names[-1] else capsule
 
 
 def _unknown_joints(robot: Robot, part: str, specs: Sequence[CapsuleSpec]) -> list[Issue]:
@@ -113,8 +111,3 @@ def _repeated(part: str, specs: Sequence[CapsuleSpec]) -> list[Issue]:
         for i, spec in enumerate(specs)
         if first[spec.capsule()] != i
     ]
-
-
-def _gone(robot: Robot, capsules: Sequence[Capsule]) -> tuple[str, ...]:
-    given = {capsule.joint for capsule in capsules}
-    return tuple(dict.fromkeys(capsule.joint for capsule in robot.shape if capsule.joint not in given))

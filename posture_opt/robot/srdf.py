@@ -6,7 +6,6 @@ Source: MoveIt, "URDF and SRDF": elements disable_collisions and group_state.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -55,27 +54,18 @@ def read_srdf(folder: Path, file: str, tree: UrdfTree) -> Srdf:
         root = read_elements(content(path, MAX_BYTES))[0]
         if root.tag != "robot":
             raise InputError(Issue(f"the file is no SRDF: it begins with <{root.tag}>, not <robot>", line=root.line))
-        disabled = frozenset(_pairs(root))
+        pairs = (frozenset(_text(e, key) for key in ("link1", "link2")) for e in root.each("disable_collisions"))
+        disabled = frozenset(pair for pair in pairs if len(pair) == 2)
         named = {link for pair in disabled for link in pair}
         if named and not named & {*tree.links}:
             raise InputError(Issue("none of its links is in the URDF", hint="is it that of another robot?"))
         return Srdf(disabled, _states(root, {joint.name for joint in tree.joints if joint.type not in _FREE_JOINTS}))
     except InputError as error:
-        raise InputError([_in_srdf(issue, file) for issue in error.issues]) from None
-
-
-def _in_srdf(issue: Issue, file: str) -> Issue:
-    """The issue about a line of the SRDF as one about the key ``srdf``."""
-    line = f"line {issue.line}: " if issue.line else ""
-    return Issue(f"{line}{issue.message}", ("srdf",), file, issue.hint)
-
-
-def _pairs(root: Element) -> Iterator[frozenset[str]]:
-    """The pairs of links of ``<disable_collisions>``."""
-    for element in root.each("disable_collisions"):
-        pair = frozenset(_text(element, key) for key in ("link1", "link2"))
-        if len(pair) == 2:
-            yield pair
+        lines = [f"line {issue.line}: " if issue.line else "" for issue in error.issues]
+        raise InputError([
+            Issue(f"{line}{issue.message}", ("srdf",), file, issue.hint)
+            for line, issue in zip(lines, error.issues, strict=True)
+        ]) from None  # fmt: skip
 
 
 def _states(root: Element, single: set[str]) -> dict[str, dict[str, float]]:

@@ -96,7 +96,11 @@ class UrdfRobot(RobotFormat):
         return self._tip(read_urdf(self._located_file(folder)))
 
     def _base(self, tree: UrdfTree) -> str:
-        base = self.base_link or _only_root(tree.roots())
+        roots = tree.roots()
+        if not self.base_link and len(roots) != 1:
+            message = f"the URDF has {len(roots)} root links, the file falls apart"
+            raise InputError(Issue(message, ("base_link",), None, f"name one: base_link: {listed(roots)}"))
+        base = self.base_link or roots[0]
         tree.require(base, "base_link")
         return base
 
@@ -122,32 +126,19 @@ def _with_srdf(
 ) -> Robot:
     found = read_srdf(folder, file, tree)
     bodies = {BASE: base_link, **{segment.moving.name: segment.moving.child for segment in segments}}
-    carried = {
-        joint: [name for name, _ in tree.rigid(link) if tree.collisions.get(name)] for joint, link in bodies.items()
-    }
-    return replace(
-        robot,
-        allowed_collisions=found.allowed_pairs(carried),
-        named_postures=found.postures(robot.joint_names),
-    )
+    carried = {j: [name for name, _ in tree.rigid(link) if tree.collisions.get(name)] for j, link in bodies.items()}
+    allowed, postures = found.allowed_pairs(carried), found.postures(robot.joint_names)
+    return replace(robot, allowed_collisions=allowed, named_postures=postures)
 
 
 def _own_shape(tree: UrdfTree, base_link: str, segments: Sequence[ChainSegment], end: Array, file: Path) -> UrdfShape:
-    """The shape of the file's ``<collision>`` elements, capsules in the frame behind each joint. Behind the last joint
-    that is the flange, whatever is fixed in between: ``end`` (4, 4) is the child link of that joint in it, lengths in
-    [m]."""
-    frames = [*[np.eye(4)] * (len(segments) - 1), end]
-    carried = [
-        Carried(segment.moving.name, segment.moving.child, T) for segment, T in zip(segments, frames, strict=True)
-    ]
-    return urdf_shape(tree, (Carried(BASE, base_link, np.eye(4)), *carried), file)
+    """The shape of the file's ``<collision>`` elements, capsules in the frame behind each joint.
 
-
-def _only_root(links: list[str]) -> str:
-    if len(links) == 1:
-        return links[0]
-    message = f"the URDF has {len(links)} root links, the file falls apart"
-    raise InputError(Issue(message, ("base_link",), None, f"name one: base_link: {listed(links)}"))
+    Behind the last joint that is the flange: ``end`` (4, 4) is the child link of that joint in it, lengths in [m].
+    """
+    frames = [np.eye(4)] * (len(segments) - 1) + [end]
+    links = [Carried(s.moving.name, s.moving.child, T) for s, T in zip(segments, frames, strict=True)]
+    return urdf_shape(tree, (Carried(BASE, base_link, np.eye(4)), *links), file)
 
 
 def _chain_faults(path: list[UrdfJoint]) -> Iterator[Issue]:
@@ -210,9 +201,6 @@ def _joint_of(tree: UrdfTree, segment: ChainSegment) -> Joint:
         x, y, z = (T_child_end[:3, :3].T @ (centre - T_child_end[:3, 3])).tolist()
         com = (x, y, z)
     kind: Literal["revolute", "prismatic"] = "prismatic" if moving.type == "prismatic" else "revolute"
-    velocity, effort = map(_known, (moving.velocity, moving.effort))
+    # Zero stands for unknown in many files.
+    velocity, effort = (limit if limit and limit > 0 else math.nan for limit in (moving.velocity, moving.effort))
     return Joint(moving.name, kind, *_joint_limits(moving), mass, com, velocity=velocity, effort=effort)
-
-
-def _known(limit: float | None) -> float:
-    return limit if limit is not None and limit > 0 else math.nan

@@ -60,8 +60,7 @@ def _tip_options(tree: UrdfTree, base: str) -> list[str]:
     fixed = [leaf for leaf, path in paths.items() if path and path[-1].type == "fixed"]
     moving = [leaf for leaf in paths if leaf not in fixed]
     # The parent link of the last moving joint before each leaf.
-    carriers = {leaf: (tree.moving(base, leaf) or [None])[-1] for leaf in moving}
-    carrier_links = {leaf: joint.parent if joint else base for leaf, joint in carriers.items()}
+    carrier_links = {leaf: [base, *(joint.parent for joint in tree.moving(base, leaf))][-1] for leaf in moving}
     between = [link for link in dict.fromkeys(carrier_links.values()) if link != base and link not in paths]
     words = {link: _chain_words(tree.moving(base, link)) for link in (*paths, *between)}
     for link in between:

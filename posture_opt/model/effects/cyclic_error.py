@@ -122,10 +122,9 @@ class CyclicError(Harmonic):
     def words(self) -> str:
         if not self.further:
             return f"{self.joint} has a cyclic error of {cycles_text(self.cycles)} cycles per revolution"
-        return (
-            f"{self.joint} has a cyclic error of {len(self.lines)} lines "
-            f"({_first_listed(self.lines)} cycles per revolution)"
-        )
+        texts = [cycles_text(k) for k in self.lines[:3]]
+        listed = ", ".join(texts) + " …" if len(self.lines) > len(texts) else enumerated(texts)
+        return f"{self.joint} has a cyclic error of {len(self.lines)} lines ({listed} cycles per revolution)"
 
     def worded(self, estimate: FittedSizes) -> str:
         """The cause in one clause; of several lines how many the data tell apart, and where the largest is. What has
@@ -225,7 +224,7 @@ class CyclicError(Harmonic):
     @property
     def exclusive(self) -> tuple[object, ...]:
         """Kind, joint and cycles to one decimal: one joint may have several lines."""
-        return self.kind, self.target, round(self.cycles, 1)  # one joint may have several lines
+        return self.kind, self.target, round(self.cycles, 1)
 
     def bracket(self, span: float) -> tuple[float, float]:
         """Cycles between which a better single line can lie: one step of the grid to either side; ``span`` of the joint
@@ -236,19 +235,14 @@ class CyclicError(Harmonic):
     def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
         """Amplitude, phase and cycles of a single line; of several their RMS together, and each of them [mrad]."""
         if self.further:
-            rms, std = self._rms(estimate)
+            # Over whole cycles √(Σ (a² + b²) / 2); in the data, lines that run into each other cancel in part.
+            whole = math.sqrt(sum(a**2 for a, _ in self._amplitudes(estimate)) / 2), math.nan
+            rms, std = estimate.rms or whole
             together = Size("size", f"{shown(rms, 'angle', std)} RMS", f", {len(self.lines)} lines together")
             return together, Size("lines", "; ".join(self._line_texts(estimate)), _LINE_UNITS)
         value, std = estimate.entry("cycles")
         cycles = plus_minus(value, std) if math.isfinite(std) else cycles_text(value)
         return (*super().sizes(estimate), Size("cycles per revolution", cycles))
-
-    def _rms(self, estimate: FittedSizes) -> tuple[float, float]:
-        """Root mean square in the data with its standard error [rad]; over whole cycles where the data are not known.
-        Over whole cycles ``√(Σ (a² + b²) / 2)``; lines that run into each other cancel in part."""
-        if estimate.rms is not None:
-            return estimate.rms
-        return math.sqrt(sum(a**2 for a, _ in self._amplitudes(estimate)) / 2), math.nan
 
     def _amplitudes(self, estimate: FittedSizes) -> list[tuple[float, float]]:
         """Amplitude of each line with its standard error [rad]."""
@@ -281,7 +275,7 @@ class CyclicError(Harmonic):
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:
         """None: there are thousands, and a diagnosis scans the grid itself."""
-        return []  # thousands: the diagnosis scans the grid by itself
+        return []
 
     @classmethod
     def grid(cls, span: float) -> np.ndarray:
@@ -327,8 +321,3 @@ def _alias_period(q: Array) -> float:
 def _together(amplitudes: Sequence[float], band: Sequence[int]) -> float:
     """The amplitude that some lines have together, √Σ A²: that of a single one of the same RMS."""
     return math.sqrt(sum(amplitudes[i] ** 2 for i in band))
-
-
-def _first_listed(cycles: Sequence[float]) -> str:
-    texts = [cycles_text(k) for k in cycles[:3]]  # lines in a sentence
-    return ", ".join(texts) + " …" if len(cycles) > len(texts) else enumerated(texts)

@@ -82,15 +82,14 @@ class LinkBending(GravityLoaded, EffectOfJoint):
 
 def _long_links(robot: Robot) -> list[str]:
     state = ArmState(robot, [0.0] * robot.n)
-    return [name for i, name in enumerate(robot.joint_names[:-1]) if _link_length(state, i) > _MIN_LINK_LENGTH_M]
+    ends = [_link_ends(state, i) for i in range(robot.n - 1)]
+    return [
+        name
+        for name, (start, end) in zip(robot.joint_names, ends, strict=False)
+        if math.hypot(*subtract(end, start)) > _MIN_LINK_LENGTH_M
+    ]
 
 
 def _link_ends(state: ArmState, joint: int) -> tuple[Vector, Vector]:
     """Where the link behind a joint begins and ends (3,), (3,) [m], world: on its axis and on the next one."""
     return state.axis(joint)[1], state.axis(joint + 1)[1]
-
-
-def _link_length(state: ArmState, joint: int) -> float:
-    """Distance [m] of the two points on the axes."""
-    start, end = _link_ends(state, joint)
-    return math.hypot(*subtract(end, start))

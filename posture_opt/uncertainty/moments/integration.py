@@ -109,7 +109,8 @@ def converged(
     """
     found: Moments | None = None
     error, finest, fallback = math.inf, list[Segment](), max(goal, _FALLBACK_ERROR)
-    for rules, enough in ((rising(spans, most), goal), (_far_rules(spans, most), fallback)):
+    far = _affordable(spans, ([_far_nodes(span, step, most) for span in spans] for step in (1, 2)))
+    for rules, enough in ((rising(spans, most), goal), (far, fallback)):
         if found is not None and error <= enough + _rounding_error(found[1]):
             break
         for segments in rules:
@@ -131,10 +132,6 @@ def converged(
 def rising(spans: Sequence[SharedSpan], most: int = MAX_NODES) -> Iterator[list[Segment]]:
     """Nodes of rising degree for all spans, at most ``most`` of one span."""
     return _affordable(spans, ([_polynomial(span, level, most) for span in spans] for level in range(12)))
-
-
-def _far_rules(spans: Sequence[SharedSpan], most: int) -> Iterator[list[Segment]]:
-    return _affordable(spans, ([_far_nodes(span, step, most) for span in spans] for step in (1, 2)))
 
 
 def _affordable(spans: Sequence[SharedSpan], rules: Iterable[Sequence[Nodes | None]]) -> Iterator[list[Segment]]:

@@ -26,12 +26,6 @@ from posture_opt.units import Angle, Length, Pixels, Quantity, parse_quantity
 Correlation = Annotated[tuple[str, str, float], Field(examples=[["joint1.a", "joint2.a", 0.8]])]
 
 
-# Ends of the names of parameters that are angles
-_ANGLE_PARAMETERS = ("theta", "alpha", "beta", "roll", "pitch", "yaw")
-_MAX_SIGMA_RAD = np.pi  # Of an angle: half a turn, from which on it is anywhere
-_LENGTH_PARAMETERS = ("d", "a", "x", "y", "z")  # Ends of the names of parameters that are lengths
-
-
 class MeasurementSpec(Spec):
     """Standard deviations of the measuring instrument, used with data."""
 
@@ -186,10 +180,9 @@ class UncertaintySpec(Spec):
     def _with_repeatability(self, named: Sources, robot: Robot) -> Sources:
         """The sources with joint errors from a repeatability: the stated one, or the data sheet's where nothing is
         stated."""
-        if self.repeatability is None and (robot.repeatability is None or self._states_any):
-            return named
         if self.repeatability is None:
-            assert robot.repeatability is not None
+            if robot.repeatability is None or self.sigma or self.covariance or self.scatter:
+                return named
             value, source = robot.repeatability.value, robot.repeatability.source
             joints = joint_sigmas(robot, value, {})
             note = f"no uncertainty stated: data-sheet repeatability {value * 1e3:g} mm taken ({source})"
@@ -203,10 +196,6 @@ class UncertaintySpec(Spec):
             hint = "the repeatability holds the scatter of all joints: leave these out of sigma, or leave it out"
             raise InputError([replace(i, key=("repeatability",), hint=hint) for i in error.issues]) from None
 
-    @property
-    def _states_any(self) -> bool:
-        return bool(self.sigma or self.covariance or self.scatter)
-
 
 def _read_sigma(
     name: str, text: object, dimensions: dict[str, str] | None, issues: list[Issue],
@@ -214,7 +203,11 @@ def _read_sigma(
 ) -> float:  # fmt: skip
     """A standard deviation [rad or m, SI of an effect]; 0 with an issue where it is none."""
     key = (word, name)
-    known = _usual_parameters(name) if dimensions is None else dimensions
+    known = dimensions
+    if known is None:  # the parameters that a joint of some robot has
+        joint = name.rpartition(".")[0] or name
+        known = {f"{joint}.{word}": "angle" for word in ("theta", "alpha", "beta", "roll", "pitch", "yaw")}
+        known |= {f"{joint}.{word}": "length" for word in ("d", "a", "x", "y", "z")}
     unknown = name_issues(name, known)
     if unknown:
         issues.extend(issue.at(word) for issue in unknown)
@@ -227,15 +220,7 @@ def _read_sigma(
     if value < 0:
         hint = f"write {str(text).strip().lstrip('-').strip()}"
         issues.append(Issue(f"the standard deviation {text} is negative", key, text, hint))
-    if known[name] == "angle" and value > _MAX_SIGMA_RAD:
+    if known[name] == "angle" and value > np.pi:
         message = f"a standard deviation of {text} is more than half a turn: nothing would be known of this angle"
         issues.append(Issue(message, key, text, "is the unit right? typical are 0.01 deg to 1 deg"))
     return value
-
-
-def _usual_parameters(name: str) -> dict[str, str]:
-    """The parameters that a joint of some robot has, of the joint that ``name`` speaks of, with their dimensions."""
-    joint = name.rpartition(".")[0] or name
-    return {f"{joint}.{word}": "angle" for word in _ANGLE_PARAMETERS} | {
-        f"{joint}.{word}": "length" for word in _LENGTH_PARAMETERS
-    }

@@ -288,7 +288,7 @@ class Effect(CatalogueEntry):
     def with_estimate(self, values: Sequence[float]) -> Effect:
         """The same effect with this estimate [SI], in the order of `dimensions`; written with twelve digits."""
         texts = {
-            name: _parameter_text(value, dimension)
+            name: float(value) if dimension == "ratio" else f"{value:.12g} {DIMENSIONS[dimension][0]}"
             for (name, dimension), value in zip(self.dimensions, values, strict=True)
         }
         return self.model_copy(update={"estimate": texts})
@@ -301,10 +301,6 @@ def _read_parameter(value: object, dimension: str) -> float:
             raise BadValueError(f"{given} is no ratio", "write a number such as 2e-4")
         return float(value)
     return parse_quantity(value, dimension)
-
-
-def _parameter_text(value: float, dimension: str) -> Any:
-    return float(value) if dimension == "ratio" else f"{value:.12g} {DIMENSIONS[dimension][0]}"
 
 
 class SoleEffect(Effect):

@@ -11,7 +11,7 @@ import numpy as np
 from posture_opt.model.arm_state import ArmState, Inputs
 from posture_opt.numerics import Json
 from posture_opt.robot.posture import drawn_between
-from posture_opt.robot.robot import Factor, Joint, Robot
+from posture_opt.robot.robot import Robot
 from posture_opt.units import DIMENSIONS, shown
 
 
@@ -83,20 +83,15 @@ def least_stiffness(robot: Robot, joint: int) -> float:
 @lru_cache(maxsize=8)
 def _largest_torques(robot: Robot) -> tuple[float, ...]:
     """(n,) torque of gravity on each joint [N m], the largest of 200 random ones."""
-    loaded = replace(robot, joints=tuple(map(_with_mass, robot.joints, map(_length, robot.links))))
+    joints = []
+    for joint, link in zip(robot.joints, robot.links, strict=True):
+        known = np.isfinite([joint.mass, *joint.com]).all()
+        length = sum(abs(factor.nominal) for factor in link if factor.kind == "translate")
+        # Links that state no mass have 10 kg/m: UR5 and UR10 have 15 to 20, and less is on the safe side.
+        joints.append(joint if known else replace(joint, mass=10.0 * length, com=(0.0, 0.0, 0.0)))
+    loaded = replace(robot, joints=tuple(joints))
     low, high = (np.clip(edges, -np.pi, np.pi) for edges in drawn_between(robot))  # a slide may have no limits
     # Random postures whose largest torque is that of the arm, to some percent.
     q = np.random.default_rng(0).uniform(low, high, size=(200, robot.n))
     state = ArmState(loaded, list(q.T), Inputs(payload=robot.payload))
     return tuple(float(np.max(np.abs(np.asarray(state.torque(i), dtype=float)))) for i in range(robot.n))
-
-
-def _length(link: tuple[Factor, ...]) -> float:
-    """Sum of the fixed lengths of a link [m]."""
-    return float(sum(abs(factor.nominal) for factor in link if factor.kind == "translate"))
-
-
-def _with_mass(joint: Joint, length: float) -> Joint:
-    known = np.isfinite([joint.mass, *joint.com]).all()
-    # Mass of links that state none, per length: UR5 and UR10 have 15 to 20 kg/m, and less is on the safe side.
-    return joint if known else replace(joint, mass=10.0 * length, com=(0.0, 0.0, 0.0))
