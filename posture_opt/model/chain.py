@@ -10,7 +10,7 @@ derivatives follow from. For factor i before factor j in the chain, with axis ``
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -233,3 +233,12 @@ def nearest_integer(x: Scalar) -> Scalar:
 def at_least(x: Scalar, bound: float) -> Scalar:
     """1 where ``x >= bound``, else 0."""
     return ca.SX(x >= bound) if _is_symbolic(x) else np.asarray(np.asarray(x) >= bound, dtype=float)
+
+
+def fixed_pose(factors: Iterable[Factor]) -> Array:
+    """(4, 4) the product of factors at the joint value zero, lengths in [m]."""
+    still = [Factor(f.kind, f.axis, f.nominal) for f in factors]
+    reached = walk(still, factor_values(still, ()))
+    (a, b, c), x = reached.columns, reached.position
+    rows = [(a[k], b[k], c[k], x[k]) for k in range(3)]
+    return np.asarray(stack([*rows, (0.0, 0.0, 0.0, 1.0)]), dtype=float)

@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from posture_opt.interrupts import undisturbed
-from posture_opt.staging import settle, staging
+from posture_opt.output import settle, staging
 
 # Straight-line code with few calls gains nothing from -O3 or -march=native (measured within 10 %, compile time
 # +40 %), and without fused multiply-add every machine, compiled or interpreted, gives the same digits.

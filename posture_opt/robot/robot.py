@@ -107,6 +107,7 @@ class Robot:
         allowed_collisions: pairs of joints (or ``base``) whose links are not checked against each other.
         named_postures: name -> joints with their values [rad or m], of an SRDF.
         description: the URDF that the arm was read from; None of other formats.
+        pose_prefix: of columns that hold the last three joints (about z, y', x'') as an orientation; empty of an arm.
 
     Example:
         >>> import posture_opt as po
@@ -138,6 +139,7 @@ class Robot:
     allowed_collisions: frozenset[frozenset[str]] = frozenset()
     named_postures: tuple[tuple[str, tuple[tuple[str, float], ...]], ...] = ()
     description: UrdfDescription | None = None
+    pose_prefix: str = ""
 
     @property
     def most_payload(self) -> float:

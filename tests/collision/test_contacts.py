@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from posture_opt.collision.contact_slack import ContactSlack
+from posture_opt.collision.contacts import ContactSlack
 from posture_opt.model.toolchain import find_compiler
 from posture_opt.robot.posture import drawn_between
 from tests.helpers import brute_force

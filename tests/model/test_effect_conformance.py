@@ -19,7 +19,7 @@ import pytest
 import yaml
 
 import posture_opt as po
-from posture_opt.calibration.assumptions.geometric_deviation import GeometricDeviation
+from posture_opt.calibration.assumptions.contradictions import GeometricDeviation
 from posture_opt.calibration.estimation.parameters import Parameter
 from posture_opt.diagnosis.causes.causes import Finding
 from posture_opt.model.arm_state import ArmState

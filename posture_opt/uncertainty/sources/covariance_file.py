@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from posture_opt.csv_text import csv_line, unguarded
 from posture_opt.errors import BadValueError, InputError, Issue, KeyPath, nearest
 from posture_opt.files import content, naming
 from posture_opt.numerics import Array
 from posture_opt.robot.corrections import name_issues
+from posture_opt.texts import csv_line, unguarded
 from posture_opt.units import NEGLIGIBLE, parse_quantity
 
 _HEADER_CELL = re.compile(r"^\s*(?P<name>[^\[\]]*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*$")
