@@ -1,10 +1,10 @@
-"""CasADi functions as C text, for this package's own compiler and for export."""
+"""CasADi functions as C text, for this package's own compiler and for export, and as Python text for export."""
 
 from __future__ import annotations
 
 import math
 import string
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import casadi
@@ -131,3 +131,60 @@ def row_function(function: casadi.Function, name: str) -> casadi.Function:
     inputs: Any = [kind.sym(f"x{i}", *function.size_in(i)) for i in range(function.n_in())]
     outputs: Any = [casadi.densify(output).T for output in function.call(inputs)]
     return casadi.Function(name, inputs, outputs)
+
+
+# CasADi's operation on two numbers -> NumPy text of it
+_BINARY_TEXT = {
+    casadi.OP_ADD: "{0} + {1}", casadi.OP_SUB: "{0} - {1}", casadi.OP_MUL: "{0} * {1}", casadi.OP_DIV: "{0} / {1}",
+    casadi.OP_POW: "{0} ** {1}", casadi.OP_CONSTPOW: "{0} ** {1}", casadi.OP_FMIN: "np.fmin({0}, {1})",
+    casadi.OP_FMAX: "np.fmax({0}, {1})", casadi.OP_ATAN2: "np.arctan2({0}, {1})", casadi.OP_LT: "({0} < {1}) * 1.0",
+    casadi.OP_LE: "({0} <= {1}) * 1.0", casadi.OP_EQ: "({0} == {1}) * 1.0", casadi.OP_NE: "({0} != {1}) * 1.0",
+    casadi.OP_AND: "np.logical_and({0}, {1}) * 1.0", casadi.OP_OR: "np.logical_or({0}, {1}) * 1.0",
+    casadi.OP_IF_ELSE_ZERO: "np.where({0}, {1}, 0.0)", casadi.OP_COPYSIGN: "np.copysign({0}, {1})",
+    casadi.OP_FMOD: "np.fmod({0}, {1})", casadi.OP_HYPOT: "np.hypot({0}, {1})",
+}  # fmt: skip
+# CasADi's operation on one number -> NumPy text of it
+_UNARY_TEXT = {
+    casadi.OP_ASSIGN: "{0}", casadi.OP_NEG: "-{0}", casadi.OP_SQ: "{0} * {0}", casadi.OP_TWICE: "2 * {0}", casadi.OP_INV: "1 / {0}",
+    casadi.OP_SQRT: "np.sqrt({0})", casadi.OP_SIN: "np.sin({0})", casadi.OP_COS: "np.cos({0})", casadi.OP_TAN: "np.tan({0})",
+    casadi.OP_ASIN: "np.arcsin({0})", casadi.OP_ACOS: "np.arccos({0})", casadi.OP_ATAN: "np.arctan({0})",
+    casadi.OP_EXP: "np.exp({0})", casadi.OP_LOG: "np.log({0})", casadi.OP_FABS: "np.abs({0})", casadi.OP_SIGN: "np.sign({0})",
+    casadi.OP_FLOOR: "np.floor({0})", casadi.OP_CEIL: "np.ceil({0})", casadi.OP_NOT: "np.logical_not({0}) * 1.0",
+    casadi.OP_TANH: "np.tanh({0})", casadi.OP_SINH: "np.sinh({0})", casadi.OP_COSH: "np.cosh({0})", casadi.OP_ERF: "_erf({0})",
+    casadi.OP_LOG1P: "np.log1p({0})", casadi.OP_EXPM1: "np.expm1({0})",
+}  # fmt: skip
+
+
+def python_source(function: casadi.Function, name: str, outputs: Sequence[int] | None = None) -> str:
+    """The Python text of ``name(q)``: a tuple of outputs of a function of one vector, for arrays (..., n) too. The
+    lines are the steps of the function's expression graph; outputs of shape (m, k) are arrays (..., m, k), vectors
+    (..., m), scalars (...). function: SX, of one vector (n,). Returns the text of one function, which uses ``np``,
+    ``_shaped`` and, for the error function, ``_erf``."""
+    x = casadi.SX.sym("q", *function.size_in(0))
+    found = function.call([x])
+    wanted = [casadi.densify(casadi.SX(found[i])) for i in (outputs or range(len(found)))]
+    shapes = [y.shape for y in wanted]
+    dense = casadi.Function("steps", [x], wanted)
+    lines = [f"def {name}(q):", *(f"    {line}" for line in _step_lines(dense))]
+    sizes = [(rows, columns) if columns > 1 else (rows,) if rows > 1 else () for rows, columns in shapes]
+    shaped = ", ".join(f"_shaped(q, y{i}, {size!r})" for i, size in enumerate(sizes))
+    return "\n".join([*lines, f"    return {shaped}{',' * (len(shapes) == 1)}", ""])
+
+
+def _step_lines(function: casadi.Function) -> Iterator[str]:
+    yield "q = np.asarray(q, dtype=float)"
+    for i in range(function.n_out()):
+        yield f"y{i} = [0.0] * {function.nnz_out(i)}"
+    for k in range(function.n_instructions()):
+        operation = function.instruction_id(k)
+        into, given = function.instruction_output(k), function.instruction_input(k)
+        if operation == casadi.OP_CONST:
+            yield f"w{into[0]} = {float(function.instruction_constant(k))!r}"
+        elif operation == casadi.OP_INPUT:
+            yield f"w{into[0]} = q[..., {given[1]}]"
+        elif operation == casadi.OP_OUTPUT:
+            yield f"y{into[0]}[{into[1]}] = w{given[0]}"
+        else:
+            text = _UNARY_TEXT.get(operation) or _BINARY_TEXT.get(operation)
+            assert text is not None, f"no Python for operation {operation} of CasADi"
+            yield f"w{into[0]} = {text.format(*(f'w{g}' for g in given))}"

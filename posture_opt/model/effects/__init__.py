@@ -5,8 +5,17 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from posture_opt.model.effects.base.catalogue_entry import INPUTS, CatalogueEntry, Evidence, Limit
-from posture_opt.model.effects.base.cause import ROWS, Abscissa, Cause, FittedSizes, Size
+from posture_opt.model.effects.base.cause import (
+    INPUTS,
+    ROWS,
+    Abscissa,
+    CatalogueEntry,
+    Cause,
+    Evidence,
+    FittedSizes,
+    Limit,
+    Size,
+)
 from posture_opt.model.effects.base.effect import Effect, Excitation, Sensitivity
 from posture_opt.model.effects.base.joint_effect import JointEffect
 from posture_opt.model.effects.noise.noise_effect import NoiseEffect, Pattern, Rows

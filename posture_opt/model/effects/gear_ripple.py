@@ -8,7 +8,7 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
-from posture_opt.model.effects.base.catalogue_entry import Input
+from posture_opt.model.effects.base.cause import Input
 from posture_opt.model.effects.base.effect import Effect, Excitation
 from posture_opt.model.effects.base.joint_effect import Harmonic
 from posture_opt.model.effects.base.multiples import cycles_text

@@ -9,8 +9,7 @@ import numpy as np
 
 from posture_opt.model.arm_state import MIN_LEANING_SINE, ArmState
 from posture_opt.model.chain import Scalar, magnitude
-from posture_opt.model.effects.base.catalogue_entry import Input
-from posture_opt.model.effects.base.cause import Abscissa
+from posture_opt.model.effects.base.cause import Abscissa, Input
 from posture_opt.model.effects.base.joint_effect import LostMotion
 
 

@@ -7,8 +7,7 @@ from typing import ClassVar, Literal
 
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar
-from posture_opt.model.effects.base.catalogue_entry import Input
-from posture_opt.model.effects.base.cause import Abscissa
+from posture_opt.model.effects.base.cause import Abscissa, Input
 from posture_opt.model.effects.base.joint_effect import JointEffect
 from posture_opt.model.effects.base.plausible_range import PlausibleRange
 from posture_opt.robot.robot import Robot

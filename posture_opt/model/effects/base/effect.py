@@ -14,8 +14,7 @@ from pydantic import ConfigDict, Field, model_validator
 from posture_opt.errors import BadValueError
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import ZERO, Scalar, Vector, cross, scale, subtract
-from posture_opt.model.effects.base.catalogue_entry import CatalogueEntry, Input, Quantity
-from posture_opt.model.effects.base.cause import Abscissa, FittedSizes, Size
+from posture_opt.model.effects.base.cause import Abscissa, CatalogueEntry, FittedSizes, Input, Quantity, Size
 from posture_opt.model.effects.base.multiples import RotatingPart
 from posture_opt.model.effects.base.plausible_range import PlausibleRange
 from posture_opt.numerics import Array

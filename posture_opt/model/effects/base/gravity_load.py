@@ -9,8 +9,7 @@ from pydantic import Field
 
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar, Vector, cross, scale, subtract
-from posture_opt.model.effects.base.catalogue_entry import Input
-from posture_opt.model.effects.base.cause import FittedSizes, Size, compliance_size
+from posture_opt.model.effects.base.cause import FittedSizes, Input, Size, compliance_size
 from posture_opt.model.effects.base.effect import NOT_NEGATIVE, Effect, Excitation
 from posture_opt.units import number, shown
 

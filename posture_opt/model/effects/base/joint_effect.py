@@ -12,8 +12,7 @@ from pydantic import Field
 from posture_opt.errors import BadValueError
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar, cos, sin
-from posture_opt.model.effects.base.catalogue_entry import Input
-from posture_opt.model.effects.base.cause import Abscissa, FittedSizes, Size, amplitude, over_phase
+from posture_opt.model.effects.base.cause import Abscissa, FittedSizes, Input, Size, amplitude, over_phase
 from posture_opt.model.effects.base.effect import Effect, Excitation, Sensitivity
 from posture_opt.model.effects.base.multiples import RotatingPart, rotating_parts
 from posture_opt.model.effects.base.plausible_range import PlausibleRange
