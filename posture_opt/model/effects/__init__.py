@@ -60,13 +60,7 @@ MOVING_KINDS = (
 )
 
 # The kinds that spread it, or its measurements, `NOISES`; both together are the `CATALOGUE`
-NOISY_KINDS = (
-    "joint_noise",
-    "range_noise",
-    "stated_sigma",
-    "outliers",
-    "correlated_lengths",
-)
+NOISY_KINDS = ("joint_noise", "range_noise", "stated_sigma", "outliers", "correlated_lengths")
 
 # Kind -> the file of its class, in this folder
 _FILES = {kind: kind for kind in MOVING_KINDS} | {kind: f"noise.{kind}" for kind in NOISY_KINDS}

@@ -24,7 +24,7 @@ class GearRipple(Harmonic):
         "input side of the gear of {target}: wave generator or pinion, motor shaft and motor encoder"
     )
     rivals: ClassVar[Mapping[str, str]] = {
-        "quantisation": "log the joint values that the controller reached, and state 'gear_ratio'",
+        "quantisation": "log the joint values that the controller reached, and state 'gear_ratio'"
     }
     needs: ClassVar[frozenset[Input]] = frozenset({"gear_ratio"})
 

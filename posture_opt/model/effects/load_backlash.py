@@ -21,7 +21,7 @@ class LoadBacklash(LostMotion):
     measurement: ClassVar[str] = "approach each posture from both sides under two payloads"
     inspection: ClassVar[str] = "bearing preload, gear mesh and clamp screws of {target} under load; its counterbalance"
     rivals: ClassVar[Mapping[str, str]] = {
-        "hysteresis": "approach from both sides, after short and long moves, under two payloads",
+        "hysteresis": "approach from both sides, after short and long moves, under two payloads"
     }
     parameters: ClassVar[tuple[tuple[str, str], ...]] = (("height", "angle per torque"),)
     needs: ClassVar[frozenset[Input]] = frozenset({"approach", "masses"})

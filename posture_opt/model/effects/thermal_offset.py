@@ -23,7 +23,7 @@ class ThermalOffset(JointEffect):
     measurement: ClassVar[str] = "log the temperature through a warm-up and a cool-down"
     inspection: ClassVar[str] = "what heats {target}: motor, brake and gear; how its encoder is fastened"
     rivals: ClassVar[Mapping[str, str]] = {
-        "drift": "log the temperature through a warm-up and a cool-down: time only grows",
+        "drift": "log the temperature through a warm-up and a cool-down: time only grows"
     }
     parameters: ClassVar[tuple[tuple[str, str], ...]] = (("rate", "angle per temperature"),)
     needs: ClassVar[frozenset[Input]] = frozenset({"temperature"})

@@ -21,11 +21,7 @@ _PARAMETERS = {
     "pitch": "frame, pitch",
     "yaw": "frame, yaw",
 }
-_OF_WORKPIECE = {
-    POSITION: "workpiece position",
-    ANGLE: "workpiece angle",
-    FEATURE: "feature position",
-}
+_OF_WORKPIECE = {POSITION: "workpiece position", ANGLE: "workpiece angle", FEATURE: "feature position"}
 
 
 def source_words(name: str, arm: Arm) -> str:
