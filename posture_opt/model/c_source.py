@@ -126,7 +126,7 @@ def c_text(functions: list[ca.Function]) -> str:
 
 
 def row_function(function: ca.Function, name: str) -> ca.Function:
-    """The same function, dense, its outputs transposed: CasADi's column-major is then NumPy's and C's row-major."""
+    """Dense, with transposed outputs: CasADi's column-major is then NumPy's and C's row-major."""
     kind = ca.SX if function.is_a("SXFunction") else ca.MX
     inputs: Any = [kind.sym(f"x{i}", *function.size_in(i)) for i in range(function.n_in())]
     outputs: Any = [ca.densify(output).T for output in function.call(inputs)]
@@ -156,10 +156,8 @@ _UNARY_TEXT = {
 
 
 def python_source(function: ca.Function, name: str, outputs: Sequence[int] | None = None) -> str:
-    """The Python text of ``name(q)``: a tuple of outputs of a function of one vector, for arrays (..., n) too. The
-    lines are the steps of the function's expression graph; outputs of shape (m, k) are arrays (..., m, k), vectors
-    (..., m), scalars (...). function: SX, of one vector (n,). Returns the text of one function, which uses ``np``,
-    ``_shaped`` and, for the error function, ``_erf``."""
+    """The Python text of ``name(q)``, arrays (..., n), by the steps of an SX function of one vector (n,). Outputs are
+    arrays (..., m, k), vectors (..., m) or scalars (...); the text uses ``np``, ``_shaped`` and ``_erf``."""
     x = ca.SX.sym("q", *function.size_in(0))
     found = function.call([x])
     wanted = [ca.densify(ca.SX(found[i])) for i in (outputs or range(len(found)))]

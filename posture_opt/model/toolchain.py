@@ -53,8 +53,7 @@ class Library(NamedTuple):
 
 
 def find_compiler() -> tuple[str, ...]:
-    """The command of the C compiler as words: the environment's CC, else cc, gcc or clang; empty where there is
-    none."""
+    """The words of the C compiler's command: the environment's CC, else cc, gcc or clang; empty if there is none."""
     for candidate in (os.environ.get("CC", ""), "cc", "gcc", "clang"):
         with contextlib.suppress(ValueError):  # unbalanced quotes in CC
             command = shlex.split(candidate, posix=os.name != "nt")
@@ -68,7 +67,7 @@ _only_kept: ContextVar[bool] = ContextVar("posture_opt_only_kept", default=False
 
 @contextlib.contextmanager
 def compiled_before() -> Iterator[None]:
-    """What was compiled before is loaded inside; what was not raises `NotCompiledError` instead of taking seconds."""
+    """Load inside only libraries compiled before; others raise `NotCompiledError` instead of taking seconds."""
     token = _only_kept.set(True)
     try:
         yield
@@ -77,8 +76,7 @@ def compiled_before() -> Iterator[None]:
 
 
 def shared_library(identity: str, source: Callable[[], str], level: str = "-O1") -> Library:
-    """The shared library of a C text, from the cache or compiled into it. source: gives the C text, called only where
-    the cache has no library."""
+    """The shared library of a C text, from the cache or compiled into it; ``source`` is called only if it is needed."""
     compiler = find_compiler()
     if not compiler:
         raise BuildError("no C compiler found (looked for the environment's CC, then cc, gcc, clang)")

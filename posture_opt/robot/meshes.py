@@ -1,4 +1,4 @@
-"""Meshes that a URDF names: where they are, and their edges; read through trimesh, which is optional."""
+"""Meshes of a URDF: their files and edges, read through trimesh, which is optional."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _MESH_SUFFIXES = {".stl", ".obj", ".ply", ".off", ".dae"}
 
 
 class UnreadMeshError(Exception):
-    """A mesh that could not be read, with the reason in words: the shape of its link stays unknown."""
+    """A mesh that could not be read, and why: the shape of its link stays unknown."""
 
 
 def located_mesh(name: str, urdf: Path) -> Path:
@@ -55,7 +55,7 @@ def read_mesh(path: Path, scale: tuple[float, ...]) -> Edges:
 
 
 def read_triangles(path: Path) -> Array:
-    """(f, 3, 3) the corners of the faces of a mesh, in the unit of the file; of a very fine one those of its hull."""
+    """(f, 3, 3) corners of the faces of a mesh in the unit of its file; of a very fine one those of its hull."""
     mesh = _load_mesh(path)
     if len(mesh.faces) > MAX_FACES:
         mesh = mesh.convex_hull

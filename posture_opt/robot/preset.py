@@ -127,9 +127,9 @@ def load_preset(name: str) -> Robot:
 
 
 def presets_like(word: str, titles: Mapping[str, str]) -> tuple[str, ...]:
-    """The presets that a word may mean, the likeliest alone where one is: case, blanks, ``-`` and ``_`` do not count.
-    In this order: the same name; a name with its maker in front; names that begin so, or whose titles contain it; the
-    name written most like it, sought in its own family (``kr120``: all ``kr…``), and the whole family where none is."""
+    """Presets that a word may mean, the likeliest alone if one is; case, blanks, ``-`` and ``_`` do not count. In this
+    order: the name; a name behind its maker; beginnings of names, or parts of titles; the name written most like it,
+    sought in its family (``kr120``: all ``kr…``), else that family."""
     asked = _plain(word)
     names = {_plain(name): name for name in titles}
     if asked in names:

@@ -71,7 +71,7 @@ class Repeatability:
 
 @dataclass(frozen=True)
 class UrdfDescription:
-    """A URDF as it was read, for what of it the kinematics do not need: meshes, inertias, further links."""
+    """A URDF as it was read: meshes, inertias and further links."""
 
     data: bytes = field(repr=False)  # the file
     base_link: str  # base_link, tip_link: ends of the chain in it

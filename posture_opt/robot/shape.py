@@ -1,4 +1,4 @@
-"""The shape of an arm: capsules that its links, its base and what it holds lie in."""
+"""The shape of an arm: capsules about links, base and tool."""
 
 from __future__ import annotations
 

@@ -33,9 +33,8 @@ def stand_in(robot: Robot) -> tuple[Capsule, ...]:
 
 def along_links(robot: Robot, radius: float) -> tuple[Capsule, ...]:
     """Capsules of one radius [m] along every offset between the frames of the chain, without the tool. An offset behind
-    a joint moves with it, one in front of it belongs to the link before. ``d`` and ``a`` of a DH link are two capsules
-    with a corner, x, y and z of a URDF origin one straight capsule. What slides is as long as its stroke, so that it
-    always reaches back to the link that carries it. radius: of every capsule [m]."""
+    a joint moves with it; ``d`` and ``a`` of a DH link are two capsules with a corner, x, y and z of a URDF origin one.
+    A slide is as long as its stroke, so that it reaches back to its carrier."""
     before, found = BASE, []
     for joint, link in zip(robot.joints, robot.links, strict=True):
         at = next(i for i, factor in enumerate(link) if factor.joint is not None)
@@ -49,9 +48,8 @@ def along_links(robot: Robot, radius: float) -> tuple[Capsule, ...]:
 
 
 def tool_capsule(robot: Robot, free_end: float = 0.0) -> tuple[Capsule, ...]:
-    """The tool and what it holds: a capsule from the flange towards the tool point, in the tool frame. Empty where the
-    shape has the tool already, or nothing of it is left. free_end: length [m] in front of the tool point that does not
-    belong to it, where the tool touches its target."""
+    """The tool as a capsule from the flange towards the tool point, ``free_end`` [m] before it, tool frame; empty if
+    the shape has the tool."""
     if any(capsule.joint == TOOL for capsule in robot.shape):
         return ()
     T_tool_flange = np.linalg.inv(_product_of(robot.tool)).astype(np.float64)
@@ -175,9 +173,8 @@ def replaces_shape(given: ShapeSpec | None) -> bool:
 
 
 def shaped(robot: Robot, given: ShapeSpec | None, T_last: Array | None = None) -> Robot:
-    """The robot with the shape that its section states, added to its own or in its place. given: the key ``shape``;
-    None keeps what the format says; T_last: (4, 4) the frame in which capsules of the last joint are stated, in the
-    frame behind that joint, lengths in [m]; None where they are the same."""
+    """The robot with the capsules of its section added to its own or in their place. ``T_last`` (4, 4) [m] is the frame
+    of capsules of the last joint, in the frame behind that joint."""
     if given is None:
         return robot
     section = given if isinstance(given, ShapeSection) else ShapeSection.model_construct(add=given)

@@ -217,8 +217,8 @@ class Srdf:
     states: dict[str, dict[str, float]]  # name -> joint -> value [rad or m]
 
     def allowed_pairs(self, carried: dict[str, list[str]]) -> frozenset[frozenset[str]]:
-        """Pairs of joints of which no link is checked against a link of the other. carried: joint, or ``base`` -> the
-        links with a shape that are fixed to what it moves."""
+        """Pairs of joints of which no links are checked against each other, by the links with a shape that each
+        carries."""
         names = list(carried)
         return frozenset(
             frozenset((a, b))

@@ -91,7 +91,7 @@ class _Fingers:
     base: str
 
     def reasons(self) -> dict[str, str]:
-        """Name of each of these joints -> why it is one."""
+        """Joint name -> reason."""
         found: dict[str, str] = {}
         while added := {name: why for name, why in self._next(found) if name not in found}:
             found |= added
@@ -139,7 +139,7 @@ class _Fingers:
         return bool(before) and _finger_named(joint.name) and not _finger_named(before[0].name)
 
     def _next(self, found: Mapping[str, str]) -> Iterator[tuple[str, str]]:
-        """Joints that are fingers, given those that are ``found`` to be; each with the reason."""
+        """Joints that are fingers given those ``found``, each with the reason."""
         masters = {joint.mimics for joint in self.moving if joint.name in found and joint.mimics}
         for joint in self.moving:
             behind, before = self._behind[joint.name], len(self._before(joint))

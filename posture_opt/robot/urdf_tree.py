@@ -16,8 +16,6 @@ from posture_opt.numerics import Array
 
 @dataclass(frozen=True)
 class UrdfJoint:
-    """A joint as it is in the file."""
-
     name: str  # name, type: as written; type is not checked here
     type: str
     parent: str  # parent, child: names of the two links

@@ -110,7 +110,7 @@ class CyclicError(Harmonic):
 
     @property
     def slow(self) -> bool:  # type: ignore[override] # of this very instance
-        """Whether all its lines are so slow that they are curves over the joint's range rather than ripple."""
+        """Whether all lines are curves over the joint's range rather than ripple."""
         return max(self.lines) < 5.0  # cycles per revolution below which it is one of the slow curves over its joint
 
     @property
@@ -127,8 +127,6 @@ class CyclicError(Harmonic):
         return f"{self.joint} has a cyclic error of {len(self.lines)} lines ({listed} cycles per revolution)"
 
     def worded(self, estimate: FittedSizes) -> str:
-        """The cause in one clause; of several lines how many the data tell apart, and where the largest is. What has
-        fewer than 1.5 within the range of the joint is a curve, whatever its line."""
         slow = f"{self.joint} has a slow error over its range"
         bands = self.bands(estimate)
         if not bands:
@@ -141,13 +139,13 @@ class CyclicError(Harmonic):
         return f"{self.joint} has a cyclic error of {largest}"
 
     def sharp(self, span: float) -> tuple[int, ...]:
-        """The lines that have a frequency within a range of the joint [rad]; all of them where it is not known."""
+        """The lines with a frequency within a range of the joint [rad]; all if it is unknown."""
         # Periods within the range of a joint from which on an error has a frequency; fewer are a curve.
         return tuple(i for i, k in enumerate(self.lines) if not span > 0 or k * span / TURN >= 1.5)
 
     def bands(self, estimate: FittedSizes) -> tuple[tuple[int, ...], ...]:
-        """The lines that have a frequency, together where the values of the joint do not tell them apart. The strongest
-        band first, in it the largest line."""
+        """Lines with a frequency, those together that the joint values do not tell apart; the strongest band and line
+        first."""
         found: list[list[int]] = []
         for i in sorted(self.sharp(estimate.span), key=lambda i: self.lines[i]):
             if found and self.lines[i] - self.lines[found[-1][-1]] <= estimate.resolution:
@@ -177,7 +175,6 @@ class CyclicError(Harmonic):
 
     @property
     def qualifier(self) -> str:
-        """Its cycles per revolution; of several lines the largest, and how many more."""
         if self.further:
             return f"{cycles_text(self.cycles)}/rev + {len(self.further)} more"
         return f"{cycles_text(self.cycles)} cycles per revolution"
@@ -191,11 +188,9 @@ class CyclicError(Harmonic):
         return f"{self.title} ({self.joint}, {slow}{self.band_text(bands[0])}/rev{more})"
 
     def inspect(self, robot: Robot) -> str:
-        """What turns so often, at the gear ratio of the file or at a common one; else parts of the drive to count."""
         return self._inspect(robot, tuple(range(len(self.lines))), cycles_text(self.cycles))
 
     def inspect_fitted(self, robot: Robot, estimate: FittedSizes) -> str:
-        """What turns so often as the lines that have a frequency; what makes a slow curve where there are none."""
         bands = self.bands(estimate)
         if not bands:
             return _SLOW_INSPECTION.format(target=self.joint)
@@ -216,7 +211,7 @@ class CyclicError(Harmonic):
 
     @classmethod
     def joined(cls, lines: Sequence[CyclicError], amplitudes: Sequence[float]) -> CyclicError:
-        """One error of several lines of a joint, the largest first. amplitudes: of each line, fitted together [rad]."""
+        """One error of several lines of a joint, the largest of the ``amplitudes`` [rad] first."""
         order = sorted(range(len(lines)), key=lambda i: -amplitudes[i])
         first, *further = (lines[i] for i in order)
         return first.model_copy(update={"further": tuple(line.cycles for line in further)})
@@ -227,13 +222,11 @@ class CyclicError(Harmonic):
         return self.kind, self.target, round(self.cycles, 1)
 
     def bracket(self, span: float) -> tuple[float, float]:
-        """Cycles between which a better single line can lie: one step of the grid to either side; ``span`` of the joint
-        [rad]."""
+        """One step of the grid to either side; ``span`` of the joint [rad]."""
         step = TURN / span / OVERSAMPLING
         return self.cycles - step, self.cycles + step
 
     def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
-        """Amplitude, phase and cycles of a single line; of several their RMS together, and each of them [mrad]."""
         if self.further:
             # Over whole cycles √(Σ (a² + b²) / 2); in the data, lines that run into each other cancel in part.
             whole = math.sqrt(sum(a**2 for a, _ in self._amplitudes(estimate)) / 2), math.nan
@@ -279,8 +272,7 @@ class CyclicError(Harmonic):
 
     @classmethod
     def grid(cls, span: float) -> np.ndarray:
-        """Cycles per revolution (k,) to search where the joint ranges over ``span`` [rad]. The step is ``2π / span /
-        OVERSAMPLING``; half a period must fit the range."""
+        """Cycles per revolution (k,) to search over a ``span`` [rad], in steps of ``2π / span / OVERSAMPLING``."""
         step = TURN / max(span, 1e-3) / OVERSAMPLING
         # Half a period must fit the range of the joint: what is longer is no cycle but a curve.
         first = max(MIN_CYCLES, math.pi / max(span, 1e-3))
@@ -306,8 +298,7 @@ class CyclicError(Harmonic):
 
 
 def _alias_period(q: Array) -> float:
-    """The least distance of two lines that the values q (N,) [rad] cannot separate [cycles per revolution]; inf for
-    none."""
+    """The least distance of two lines that the values q (N,) [rad] cannot separate [cycles per revolution], or inf."""
     q = q[:: -(-len(q) // 500)]  # joint values that the spectral window is taken of; chosen for time
     cycles = CyclicError.grid(float(np.ptp(q)))
     far = np.concatenate([cycles, cycles + MAX_CYCLES])
@@ -319,5 +310,5 @@ def _alias_period(q: Array) -> float:
 
 
 def _together(amplitudes: Sequence[float], band: Sequence[int]) -> float:
-    """The amplitude that some lines have together, √Σ A²: that of a single one of the same RMS."""
+    """The amplitude of a single line of the same RMS, √Σ A²."""
     return math.sqrt(sum(amplitudes[i] ** 2 for i in band))

@@ -1,4 +1,4 @@
-"""Nodes for the shared factors of correlated errors that are the same at every posture, chosen by their error there."""
+"""Nodes for shared factors of correlated errors, fixed for all postures and chosen by their error."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Two parts of a predicted spread: what changes from repeat to repeat, and what is not known of errors that stay."""
+"""Two parts of a predicted spread: scatter from repeat to repeat, and errors that stay."""
 
 from __future__ import annotations
 
@@ -28,7 +28,6 @@ class SpreadParts:
 
     @property
     def mostly_systematic(self) -> bool:
-        """Whether what is not known reaches farther than scatter does."""
         return self.systematic_radius > self.scatter_radius
 
     def to_json(self) -> dict[str, Json]:

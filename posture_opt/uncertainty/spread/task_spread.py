@@ -83,7 +83,7 @@ class TaskSpread:
 
     @cached_property
     def budget_groups(self) -> tuple[ShareGroup, ...]:
-        """The same budget, sources whose errors cancel taken together."""
+        """Shares of sources, those whose errors cancel together."""
         return share_groups(self.budget, self.tool_point, self.q, self.critical.worst_axis)
 
     def statements(self, taught: bool) -> Iterator[Statement]:
@@ -104,7 +104,7 @@ class TaskSpread:
             yield state(id, probability=p, clearance=clearance)
 
     def sampled(self, covariance: Array, bias: Array) -> TaskSpread:
-        """The same task with another covariance (3, 3) [m²] and mean shift (3,) [m], of a sample say."""
+        """With another covariance (3, 3) [m²] and mean shift (3,) [m], of a sample say."""
         critical = Critical.of(self.critical.within, self.critical.basis.T, covariance, bias)
         return replace(self, peg=None, yaw=None, critical=critical, sigma_along=sigma_along(self.direction, covariance))
 

@@ -1,4 +1,5 @@
-"""``Cause``: what a diagnosis names, or sets against what it names, with its own words and the axis of its figure."""
+"""``Cause``: what a diagnosis names or weighs, with its words and the axis of its figure; ``CatalogueEntry``: those of
+a file."""
 
 from __future__ import annotations
 
@@ -27,7 +28,7 @@ _ANY_MEASUREMENT = "measure postures in which the two predict different errors"
 
 @dataclass(frozen=True)
 class Size:
-    """One size of a cause in words."""
+    """One size of a cause, as text."""
 
     label: str  # what it is, amplitude say
     text: str  # the number with its unit and standard error
@@ -103,7 +104,6 @@ class Cause:
 
     @property
     def title(self) -> str:
-        """The kind as it is read: "joint compliance"."""
         return self.kind.replace("_", " ")
 
     @property
@@ -139,21 +139,21 @@ class Cause:
 
     @property
     def exclusive(self) -> tuple[object, ...]:
-        """Causes for which this is equal are shapes of one cause: only one of them can be true."""
+        """Causes with equal values are shapes of one cause: only one of them can be true."""
         return self.kind, self.target
 
     @property
     def spectral_lines(self) -> tuple[float, ...]:
-        """Cycles per revolution at which it appears in the periodogram of its joint; none where it is no line."""
+        """Cycles per revolution in the periodogram of its joint."""
         return ()
 
     @property
     def moved_joint(self) -> str:
-        """The joint whose value it changes; empty where it changes none or several."""
+        """The one joint whose value it changes, or an empty text."""
         return ""
 
     def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
-        """How large it is, the size that says most first."""
+        """The size that says most first."""
         return ()
 
     def headline(self, estimate: FittedSizes) -> str:
@@ -175,8 +175,7 @@ class Cause:
 
 
 def amplitude(sin: float, cos: float, covariance: Array | None) -> tuple[float, float]:
-    """``√(sin² + cos²)`` and its standard error, to first order. sin, cos: the two coefficients [rad]; covariance: (2,
-    2) of them [rad²]; NaN as standard error where it is not known, or the vector is zero."""
+    """``√(sin² + cos²)`` [rad] and its standard error to first order, by the covariance (2, 2) [rad²] or NaN."""
     size = math.hypot(sin, cos)
     if covariance is None or size == 0:
         return size, math.nan
@@ -186,8 +185,7 @@ def amplitude(sin: float, cos: float, covariance: Array | None) -> tuple[float, 
 
 
 def compliance_size(name: str, value: float, std: float) -> Size:
-    """A compliance [rad/(N m)] with the stiffness that it is the inverse of. value, std: estimate and standard error
-    [rad/(N m)]; the stiffness ``1/c`` has ``std/c²``."""
+    """A compliance [rad/(N m)] ± std with the stiffness ``1/c ± std/c²``."""
     text = shown(value, "angle per torque", std)
     if value <= 0:
         return Size(name, text, " (negative, so that it represents something else)")
@@ -204,13 +202,12 @@ class Abscissa:
 
     @classmethod
     def of(cls, state: ArmState, values: Scalar, label: str, side: Scalar = 1.0) -> Abscissa:
-        """An axis of values that are the same in all rows, or one a row. values, side: numbers or (N,)."""
+        """An axis of values and sides, numbers or (N,)."""
         n = len(np.atleast_1d(np.asarray(state.q[0])))
         return cls(_as_rows(values, n), label, _as_rows(side, n))
 
 
 def _as_rows(values: Any, n: int) -> Array:
-    """(N,) a number repeated, or the values as they are."""
     return np.broadcast_to(np.asarray(values, dtype=float), (n,))
 
 

@@ -36,8 +36,7 @@ class GravityLoaded(Effect):
 
     @property
     def dimensions(self) -> tuple[tuple[str, str], ...]:
-        """The compliance; or one product of compliance and mass for each point [rad kg/(N m)], of the payload again the
-        compliance."""
+        """The compliance; of unknown loads one product of compliance and mass a point [rad kg/(N m)]."""
         if self.loads == "masses":
             return self.parameters
         one = self.parameters[0]
@@ -45,7 +44,6 @@ class GravityLoaded(Effect):
 
     @property
     def asks(self) -> frozenset[Input]:
-        """The masses of the links, unless they are unknown; the payload, where it is one of the loads."""
         if self.loads == "masses":
             return frozenset({"masses"})
         return frozenset({"payload"}) if PAYLOAD in self.points else frozenset()
@@ -66,9 +64,8 @@ class GravityLoaded(Effect):
         return self.loads == "points" and PAYLOAD not in self.points
 
     def moments(self, state: ArmState, carrier: int, about: Vector) -> list[Vector]:
-        """The moment (3,) for each parameter, about a point (3,) [m], world: of all weights [N m], or of 1 kg at each
-        point [N m/kg], of the payload [N m]. carrier: index of the joint behind which weights count; −1 counts every
-        link; about: the point [m], world."""
+        """Moment (3,) about a point (3,) [m], world, for each parameter: of all weights behind joint ``carrier`` (−1:
+        all) or the payload [N m], or of 1 kg at each point [N m/kg]."""
         if self.loads == "masses":
             return [state.moment(carrier, about)]
         weights = (scale(mass, state.robot.gravity) for mass, _ in self.masses(state))
@@ -76,7 +73,7 @@ class GravityLoaded(Effect):
         return [cross(subtract(place, about), weight) for place, weight in zip(places, weights, strict=True)]
 
     def masses(self, state: ArmState) -> list[tuple[Scalar, Vector]]:
-        """Mass for each parameter, 1 kg where it is unknown [kg], and where it is (3,) [m], world."""
+        """Mass [kg] and place (3,) [m], world, for each parameter; 1 kg of an unknown one."""
         names = state.robot.joint_names
         found: list[tuple[Scalar, Vector]] = []
         for point in self.points:
@@ -86,12 +83,12 @@ class GravityLoaded(Effect):
 
     @classmethod
     def frames_of_load(cls, case: Excitation, first: int) -> tuple[str, ...]:
-        """Where masses may be: the payload, if it is stated and varies, the tool point, and frames behind joints."""
+        """Where masses may be: the payload if it varies, the tool point, and frames from joint ``first`` on, the last
+        first."""
         payload = (PAYLOAD,) if "payload" in case.inputs else ()
         return (*payload, "tool", *reversed(case.robot.joint_names[first:-1]))
 
     def size(self, name: str, dimension: str, value: float, std: float) -> Size:
-        """The compliance with the stiffness that it is the inverse of."""
         return compliance_size(name, value, std)
 
     def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
@@ -108,8 +105,7 @@ class GravityLoaded(Effect):
         )
 
     def headline(self, estimate: FittedSizes) -> str:
-        """The compliance and the stiffness that it is the inverse of. Of unknown loads the turn that it makes in the
-        data, root mean square about its mean."""
+        """Compliance and stiffness; of unknown loads the RMS of the turn in the data about its mean."""
         if not self.unstated_loads:
             compliance = estimate.entry("compliance")[0]
             stiffness = f", {number(1e-3 / compliance)} kN m/rad" if compliance > 0 else ""

@@ -1,4 +1,4 @@
-"""Effects of one joint: of its value, or of the link behind it; those that are periodic in its value."""
+"""Effects of one joint or of the link behind it, periodic ones and lost motion."""
 
 from __future__ import annotations
 
@@ -97,7 +97,6 @@ class Harmonic(JointEffect):
         return (self.frequency,)
 
     def plausible(self, robot: Robot) -> PlausibleRange | None:
-        """Up to `_LARGEST_AMPLITUDE` of one cycle and of two, and a third of it of more."""
         # Cycles per revolution of what is off its centre, or oval or tilted.
         high = _LARGEST_AMPLITUDE if self.frequency <= 2.0 else _LARGEST_AMPLITUDE / 3
         needs = "a gear or an encoder that errs by more than any in a catalogue"
@@ -127,8 +126,8 @@ class Harmonic(JointEffect):
 
     @property
     def valid_between(self) -> tuple[float, float] | None:
-        """The measured range, unless the error repeats after a whole turn: then its phase is the same everywhere.
-        Cycles that are found from data have an error, and the phase is lost where it has added up."""
+        """The measured range, unless the error repeats after a turn; the phase of other cycles adds up errors and is
+        lost."""
         # By how much a number of cycles per revolution may differ from a whole one: rounding.
         repeats = all(abs(k - round(k)) < 1e-9 for k in self.frequencies)
         return None if repeats else self.measured_range
@@ -139,12 +138,12 @@ class Harmonic(JointEffect):
         return math.sqrt(sum(value**2 for value in self.values) / 2)
 
     def measured_over(self, low: float, high: float) -> Effect:
-        """The same effect with that range, rounded to a hundredth of a degree as its file has it."""
+        """That range, rounded to a hundredth of a degree as the file has it."""
         edges = (math.radians(round(math.degrees(end), 2)) for end in (low, high))
         return self.model_copy(update={"measured_range": tuple(edges)})
 
     def also_measured(self, other: Effect) -> Effect:
-        """The same effect with the hull of both ranges; with the range of the other one where it has none."""
+        """The hull of both ranges, or the range of the other one."""
         theirs = getattr(other, "measured_range", None)
         if self.measured_range is None or theirs is None:
             return self.model_copy(update={"measured_range": theirs})
@@ -152,7 +151,6 @@ class Harmonic(JointEffect):
         return self.model_copy(update={"measured_range": (min(ends), max(ends))})
 
     def known_everywhere(self) -> Effect:
-        """The same effect without its range."""
         return self if self.measured_range is None else self.model_copy(update={"measured_range": None})
 
     def to_dict(self) -> dict[str, Any]:
@@ -208,7 +206,7 @@ class LostMotion(JointEffect):
     needs: ClassVar[frozenset[Input]] = frozenset({"approach"})
 
     def lag(self, state: ArmState, joint: int) -> Scalar:
-        """−s: the direction in which the joint is off its command where it stops short; 0 where it is not known."""
+        """−s: the direction in which a joint that stops short is off its command; 0 if unknown."""
         return -state.inputs.side(joint)
 
     def worded(self, estimate: FittedSizes) -> str:
@@ -216,7 +214,7 @@ class LostMotion(JointEffect):
         return self.beyond.format(target=self.target) if self.leads(estimate) else self.words
 
     def labelled(self, estimate: FittedSizes) -> str:
-        """Kind and joint; reversed where it goes beyond its command: what is done about play would be wrong."""
+        """Reversed beyond the command: what is done about play would be wrong."""
         return f"{REVERSED} {self.label}" if self.leads(estimate) else self.label
 
     def inspect_fitted(self, robot: Robot, estimate: FittedSizes) -> str:

@@ -17,8 +17,8 @@ from posture_opt.units import DIMENSIONS, shown
 
 @dataclass(frozen=True)
 class PlausibleRange:
-    """Least and largest size of a cause on an arm. A cause beyond it is not refuted: it is then an error that looks
-    like that cause, and ``needs`` says what would have to be true of the arm."""
+    """Least and largest size of a cause on an arm; beyond, an error only looks like that cause unless ``needs`` is
+    true."""
 
     low: float  # low, high: [SI]
     high: float
@@ -71,9 +71,8 @@ LARGEST_TURN = 1e-2
 
 
 def least_stiffness(robot: Robot, joint: int) -> float:
-    """The stiffness [N m/rad] below which no joint with a gear is: that of the softest gear which carries its load.
-    ``K1 / 4`` of the smallest gear of `CATALOGUE` whose rated torque is that of gravity on the joint, the largest of
-    all postures, with the payload of the file. A wrist that carries nothing has the smallest gear."""
+    """Least stiffness [N m/rad] of a joint with a gear: ``K1 / 4`` of the smallest gear of `CATALOGUE` whose rated
+    torque is that of gravity with the payload, the largest of all postures. Links without masses weigh 10 kg/m."""
     load = _largest_torques(robot)[joint]
     soft = next((stiffness for _, rated, stiffness in CATALOGUE if rated >= load), CATALOGUE[-1][2])
     # How much softer a joint may be than its gear: bearings, housing or a belt in series, a ratio of 30 for 100.
