@@ -50,19 +50,10 @@ class Inputs:
         return self.approach_length[joint] if len(self.approach_length) else 1e6
 
 
-@dataclass(frozen=True)
-class Frame:
-    """A frame of the chain in the world."""
-
-    columns: tuple[Vector, Vector, Vector]  # (3, 3) x, y and z axis, the columns of its rotation
-    origin: Vector  # (3,) [m]
-
-    def point(self, local: Sequence[float]) -> Vector:
-        """The point (3,) with these coordinates [m] in the frame, in the world [m]."""
-        moved = self.origin
-        for axis in range(3):
-            moved = add(moved, scale(local[axis], self.columns[axis]))
-        return moved
+def _placed(frame: Walk, local: Sequence[float]) -> Vector:
+    """The point (3,) of a frame in the world [m]."""
+    (a, b, c), (x, y, z) = frame.columns, local
+    return add(add(add(frame.position, scale(x, a)), scale(y, b)), scale(z, c))
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,14 +85,14 @@ class ArmState:
         return self.walk.position
 
     @cached_property
-    def frames(self) -> tuple[Frame, ...]:
+    def frames(self) -> tuple[Walk, ...]:
         """(n,) the frame behind every joint, which moves with its link."""
         found, first = [], len(self.robot.base)
         here = walk(self.robot.base, self._factor_values[:first])
         for link in self.robot.links:
             here = walk(link, self._factor_values[first : first + len(link)], here)
             first += len(link)
-            found.append(Frame(here.columns, here.position))
+            found.append(here)
         return tuple(found)
 
     def axis(self, joint: int) -> tuple[Vector, Vector]:
@@ -132,7 +123,7 @@ class ArmState:
     def loads(self) -> tuple[tuple[int, Scalar, Vector], ...]:
         """(joint that carries it, mass [kg], place (3,) in the world [m]) of every known link, the payload last."""
         links = [
-            (i, joint.mass, self.frames[i].point(joint.com))
+            (i, joint.mass, _placed(self.frames[i], joint.com))
             for i, joint in enumerate(self.robot.joints)
             if math.isfinite(joint.mass) and joint.mass > 0 and all(map(math.isfinite, joint.com))
         ]

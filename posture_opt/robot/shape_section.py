@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -101,10 +102,7 @@ def _stroke_span(joint: Joint, factor: Factor, T_link_joint: Array) -> Iterator[
 
 def _product_of(factors: Sequence[Factor]) -> Array:
     """(4, 4) the product of factors at their nominal values, lengths in [m]."""
-    T = np.eye(4)
-    for factor in factors:
-        T = T @ _factor_transform(factor)
-    return T
+    return functools.reduce(np.matmul, map(_factor_transform, factors), np.eye(4))
 
 
 def _factor_transform(factor: Factor) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -25,7 +26,7 @@ class ChainSegment:
     @property
     def T_child_end(self) -> Array:  # noqa: N802
         """(4, 4) the pose of the end of the segment in the child link of its joint, lengths in [m]."""
-        return _product_of(self.behind)
+        return functools.reduce(np.matmul, self.behind, np.eye(4))
 
 
 def segments_of(path: list[UrdfJoint]) -> list[ChainSegment]:
@@ -101,11 +102,3 @@ def _motion_factors(joint: UrdfJoint, index: int) -> tuple[Factor, ...]:
         Factor("rotate", 1, -pitch),
         Factor("rotate", 2, -yaw),
     )
-
-
-def _product_of(frames: tuple[Array, ...]) -> Array:
-    """(4, 4) the product of frames (4, 4), from left to right."""
-    T = np.eye(4)
-    for frame in frames:
-        T = T @ frame
-    return T

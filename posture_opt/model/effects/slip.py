@@ -146,7 +146,7 @@ class Slip(Effect):
             return (Sensitivity({state.robot.joint_names.index(self.of): after}),)
         axes, about = WORLD_AXES, foot(state)
         if self.of == _TOOL:
-            axes, about = state.walk.columns, state.frames[-1].origin
+            axes, about = state.walk.columns, state.frames[-1].position
         return frame_motion(state, _FRAME_PARAMETERS[self.way], axes, about, after)
 
     @classmethod

@@ -73,17 +73,26 @@ class UncertaintySpec(Spec):
         robot = arm.robot
         dimensions = {n: "angle" if f.kind == "rotate" else "length" for n, f in robot.parameters.items()}
         dimensions |= arm.dimensions
-        issues = [*self._contradictions(), *self._weight_issues(robot)]
+        named, scatter = self._read(dimensions, folder, attached or {}, self._weight_issues(robot))
+        return self.completed(named, robot, scatter)
+
+    def _read(
+        self, dimensions: dict[str, str] | None, folder: Path, attached: Mapping[str, str], issues: list[Issue]
+    ) -> tuple[Sources, dict[str, float]]:
+        """What is stated of parameters, and the scatter [rad or m]; without dimensions no file is read."""
+        issues = [*self._contradictions(), *issues]
         named = Sources()
         try:
-            from_file = self.covariance and not self.sigma  # both are a contradiction, which is an issue already
-            named = self._from_file(dimensions, folder, attached or {}) if from_file else self._from_sigma(dimensions)
+            if dimensions is not None and self.covariance and not self.sigma:  # both are a contradiction already
+                named = self._from_file(dimensions, folder, attached)
+            else:
+                named = self._from_sigma(dimensions)
         except InputError as error:
             issues += error.issues
         scatter = {name: _read_sigma(name, text, dimensions, issues, "scatter") for name, text in self.scatter.items()}
         if issues:
             raise InputError(issues)
-        return self.completed(named, robot, scatter)
+        return named, scatter
 
     def completed(self, named: Sources, robot: Robot, scatter: Mapping[str, float]) -> Sources:
         """The sources ``named`` with a repeatability, stated or of the data sheet, and with the ``scatter`` [rad or
@@ -94,15 +103,7 @@ class UncertaintySpec(Spec):
 
     def check(self) -> None:
         """All of ``build`` that needs neither robot nor files: the end of a name decides between angles and lengths."""
-        issues = self._contradictions()
-        try:
-            self._from_sigma(None)
-        except InputError as error:
-            issues += error.issues
-        for name, text in self.scatter.items():
-            _read_sigma(name, text, None, issues, "scatter")
-        if issues:
-            raise InputError(issues)
+        self._read(None, Path(), {}, [])
 
     def _contradictions(self) -> list[Issue]:
         issues = []

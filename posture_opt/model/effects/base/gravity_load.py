@@ -77,7 +77,7 @@ class GravityLoaded(Effect):
         names = state.robot.joint_names
         found: list[tuple[Scalar, Vector]] = []
         for point in self.points:
-            place = state.tool if point in ("tool", PAYLOAD) else state.frames[names.index(point)].origin
+            place = state.tool if point in ("tool", PAYLOAD) else state.frames[names.index(point)].position
             found.append((state.inputs.payload if point == PAYLOAD else 1.0, place))
         return found
 
