@@ -21,8 +21,8 @@ if TYPE_CHECKING:  # a plain chain needs none of the effects, which are many fil
 class MeasuredRange:
     """An effect that is known between two values of its joint only, and a joint that may leave them."""
 
-    effect: Effect  # which is not corrected beyond; name that of the error that it is there
-    joint: int  # index; low, high [rad]
+    effect: Effect  # which is not corrected beyond
+    joint: int  # index of the joint; low, high: its values [rad]
     low: float
     high: float
 

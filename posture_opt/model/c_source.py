@@ -133,8 +133,8 @@ def row_function(function: ca.Function, name: str) -> ca.Function:
     return ca.Function(name, inputs, outputs)
 
 
-# CasADi's operation on two numbers -> NumPy text of it
-_BINARY_TEXT = {
+# CasADi's operation -> NumPy text of it
+_OPERATIONS = {
     ca.OP_ADD: "{0} + {1}", ca.OP_SUB: "{0} - {1}", ca.OP_MUL: "{0} * {1}", ca.OP_DIV: "{0} / {1}",
     ca.OP_POW: "{0} ** {1}", ca.OP_CONSTPOW: "{0} ** {1}", ca.OP_FMIN: "np.fmin({0}, {1})",
     ca.OP_FMAX: "np.fmax({0}, {1})", ca.OP_ATAN2: "np.arctan2({0}, {1})", ca.OP_LT: "({0} < {1}) * 1.0",
@@ -142,9 +142,6 @@ _BINARY_TEXT = {
     ca.OP_AND: "np.logical_and({0}, {1}) * 1.0", ca.OP_OR: "np.logical_or({0}, {1}) * 1.0",
     ca.OP_IF_ELSE_ZERO: "np.where({0}, {1}, 0.0)", ca.OP_COPYSIGN: "np.copysign({0}, {1})",
     ca.OP_FMOD: "np.fmod({0}, {1})", ca.OP_HYPOT: "np.hypot({0}, {1})",
-}  # fmt: skip
-# CasADi's operation on one number -> NumPy text of it
-_UNARY_TEXT = {
     ca.OP_ASSIGN: "{0}", ca.OP_NEG: "-{0}", ca.OP_SQ: "{0} * {0}", ca.OP_TWICE: "2 * {0}", ca.OP_INV: "1 / {0}",
     ca.OP_SQRT: "np.sqrt({0})", ca.OP_SIN: "np.sin({0})", ca.OP_COS: "np.cos({0})", ca.OP_TAN: "np.tan({0})",
     ca.OP_ASIN: "np.arcsin({0})", ca.OP_ACOS: "np.arccos({0})", ca.OP_ATAN: "np.arctan({0})",
@@ -183,6 +180,6 @@ def _step_lines(function: ca.Function) -> Iterator[str]:
         elif operation == ca.OP_OUTPUT:
             yield f"y{into[0]}[{into[1]}] = w{given[0]}"
         else:
-            text = _UNARY_TEXT.get(operation) or _BINARY_TEXT.get(operation)
+            text = _OPERATIONS.get(operation)
             assert text is not None, f"no Python for operation {operation} of CasADi"
             yield f"w{into[0]} = {text.format(*(f'w{g}' for g in given))}"

@@ -26,7 +26,7 @@ from posture_opt.robot.urdf_reader import MAX_BYTES, MAX_NUMBER, Element, in_urd
 from posture_opt.robot.urdf_shape import Carried, UrdfShape, urdf_shape
 from posture_opt.robot.urdf_tip import ChosenTip, chosen_tip
 from posture_opt.robot.urdf_tree import UrdfJoint, UrdfTree
-from posture_opt.texts import text_fault
+from posture_opt.texts import number_or_nan, text_fault
 
 # Types of URDF joints with one variable; continuous is a revolute joint without limits
 _MOVING_TYPES = ("revolute", "continuous", "prismatic")
@@ -284,10 +284,7 @@ def _states(root: Element, single: set[str]) -> dict[str, dict[str, float]]:
 def _value(joint: Element) -> float:
     """The value [rad or m] of a joint in a state."""
     text = _text(joint, "value")
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
+    value = number_or_nan(text)
     if not math.isfinite(value):
         raise InputError(Issue(f"the value '{text}' of a joint is no number", line=joint.line))
     if abs(value) > MAX_NUMBER:

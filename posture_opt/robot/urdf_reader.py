@@ -19,7 +19,7 @@ from posture_opt.errors import InputError, Issue
 from posture_opt.files import content
 from posture_opt.numerics import Array
 from posture_opt.robot.urdf_tree import Collision, Inertial, UrdfJoint, UrdfTree
-from posture_opt.texts import one_line, text_fault
+from posture_opt.texts import number_or_nan, one_line, text_fault
 from posture_opt.units import NEGLIGIBLE
 
 MAX_ELEMENTS = 100_000  # Elements of a file; a humanoid with hands has some ten thousand
@@ -265,7 +265,7 @@ class _UrdfReader:
 
     def _finite_numbers(self, element: Element, key: str, words: list[str], count: int, owner: str) -> list[float]:
         """``count`` finite numbers, `NEGLIGIBLE` ones as zeros; zeros and an issue where the words are none."""
-        numbers = [_float_or_nan(word) for word in words]
+        numbers = [number_or_nan(word) for word in words]
         finite = len(numbers) == count and all(map(math.isfinite, numbers))
         if finite and all(abs(number) < MAX_NUMBER for number in numbers):
             return [number if abs(number) > NEGLIGIBLE else 0.0 for number in numbers]
@@ -274,13 +274,6 @@ class _UrdfReader:
         message = f'{owner}: <{element.tag} {key}="{given}"> {fault}'
         self.issues.append(Issue(message, value=given, hint="is the exponent right?" * finite, line=element.line))
         return [0.0] * count
-
-
-def _float_or_nan(word: str) -> float:
-    try:
-        return float(word)
-    except ValueError:
-        return math.nan
 
 
 def _origin_transform(xyz: Array, rpy: Array) -> Array:

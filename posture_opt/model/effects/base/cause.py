@@ -19,9 +19,6 @@ from posture_opt.robot.robot import Robot
 from posture_opt.spec import Spec
 from posture_opt.units import plus_minus, shown
 
-if TYPE_CHECKING:
-    from posture_opt.robot.robot import Robot
-
 # What to measure where neither of two causes says it
 _ANY_MEASUREMENT = "measure postures in which the two predict different errors"
 
