@@ -24,8 +24,7 @@ from posture_opt.robot.shape_section import replaces_shape, shaped
 from posture_opt.robot.urdf_chain import ChainSegment, link_factors, segments_of
 from posture_opt.robot.urdf_reader import MAX_BYTES, MAX_NUMBER, Element, in_urdf, read_elements, read_urdf
 from posture_opt.robot.urdf_shape import Carried, UrdfShape, urdf_shape
-from posture_opt.robot.urdf_tip import ChosenTip, chosen_tip
-from posture_opt.robot.urdf_tree import UrdfJoint, UrdfTree
+from posture_opt.robot.urdf_tree import ChosenTip, UrdfJoint, UrdfTree, chosen_tip
 from posture_opt.texts import number_or_nan, text_fault
 
 # Types of URDF joints with one variable; continuous is a revolute joint without limits

@@ -18,7 +18,7 @@ from posture_opt.numerics import Array
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
 from posture_opt.uncertainty.regions.regions import deviation
-from posture_opt.uncertainty.sources.workpiece import of_workpiece, relative_twist, stated_name
+from posture_opt.uncertainty.sources.sources import of_workpiece, relative_twist, stated_name
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from posture_opt.model.arm import Arm
 from posture_opt.model.arm_state import REFERENCE_TEMPERATURE
 from posture_opt.statements.notation import stated_sigma
-from posture_opt.uncertainty.sources.workpiece import ANGLE, FEATURE, POSITION
+from posture_opt.uncertainty.sources.sources import ANGLE, FEATURE, POSITION
 from posture_opt.units import shown
 
 _PARAMETERS = {

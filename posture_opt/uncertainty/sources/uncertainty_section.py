@@ -18,8 +18,13 @@ from posture_opt.robot.robot import Robot
 from posture_opt.spec import Spec
 from posture_opt.uncertainty.sources.covariance_file import read_covariance
 from posture_opt.uncertainty.sources.repeatability import joint_sigmas
-from posture_opt.uncertainty.sources.sources import Sources, covariance_issues
-from posture_opt.uncertainty.sources.workpiece import FeatureErrors, WorkpieceErrors, workpiece_sources
+from posture_opt.uncertainty.sources.sources import (
+    FeatureErrors,
+    Sources,
+    WorkpieceErrors,
+    covariance_issues,
+    workpiece_sources,
+)
 from posture_opt.units import Angle, Length, Pixels, Quantity, parse_quantity
 
 # Two parameters and the coefficient of correlation of their errors

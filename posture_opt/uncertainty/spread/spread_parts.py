@@ -9,10 +9,9 @@ import numpy as np
 
 from posture_opt.numerics import Array, Json
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
-from posture_opt.uncertainty.regions.coverage_radius import coverage_radius
+from posture_opt.uncertainty.regions.clearance import coverage_radius
 from posture_opt.uncertainty.regions.regions import deviation
-from posture_opt.uncertainty.sources.sources import Sources
-from posture_opt.uncertainty.sources.workpiece import stated_name
+from posture_opt.uncertainty.sources.sources import Sources, stated_name
 from posture_opt.uncertainty.spread.spread import Spread
 
 

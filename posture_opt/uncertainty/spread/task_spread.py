@@ -18,8 +18,7 @@ from posture_opt.uncertainty.regions.clearance import within_clearance
 from posture_opt.uncertainty.regions.critical import PARTS, Critical, Within
 from posture_opt.uncertainty.regions.regions import deviation
 from posture_opt.uncertainty.spread.budget import Share, ShareGroup, budget, share_groups
-from posture_opt.uncertainty.spread.orientation import YawSpread
-from posture_opt.uncertainty.spread.peg_spread import HeldPart, PegSpread, peg_spread
+from posture_opt.uncertainty.spread.peg_spread import HeldPart, PegSpread, YawSpread, peg_spread
 
 Vector = tuple[float, float, float]
 
