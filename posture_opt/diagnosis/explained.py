@@ -41,7 +41,7 @@ from posture_opt.diagnosis.search.rivals import unrefuted_rivals
 from posture_opt.diagnosis.search.search import SearchResult, keep_named, remaining_unnamed, search_effects
 from posture_opt.measurements.repeats import repeats_of_one_kind
 from posture_opt.model.effects import Effect
-from posture_opt.model.effects.base.gravity_load import GravityLoaded
+from posture_opt.model.effects.base.joint_effect import GravityLoaded
 from posture_opt.numerics import Array, Codes
 from posture_opt.validation.prediction import prismatic_joints
 

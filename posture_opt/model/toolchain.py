@@ -148,24 +148,25 @@ def _compiler_version(compiler: tuple[str, ...]) -> str:
 
 
 def _run_command(*command: str, **environment: str) -> subprocess.CompletedProcess[str]:
-    pipe, none = subprocess.PIPE, subprocess.DEVNULL
+    pipe, none, process = subprocess.PIPE, subprocess.DEVNULL, None
     try:
-        with undisturbed():  # nothing started is forgotten
+        with undisturbed():  # nothing started is forgotten: an interrupt is raised at its end
             process = subprocess.Popen(
                 command, stdout=pipe, stderr=pipe, stdin=none, text=True, errors="replace",
                 env={**os.environ, **environment}, start_new_session=True,
             )  # fmt: skip
+        out, errors = process.communicate(timeout=COMPILE_SECONDS)
+        return subprocess.CompletedProcess(command, process.returncode, out, errors)
+    except subprocess.TimeoutExpired as error:
+        raise BuildError(f"{command[0]} did not end within {COMPILE_SECONDS:g} s") from error
     except (OSError, ValueError) as error:
         raise BuildError(f"{command[0]} did not run: {error}") from error
-    with process:
-        try:
-            out, errors = process.communicate(timeout=COMPILE_SECONDS)
-        except BaseException as error:
-            _kill_group(process)
-            if isinstance(error, subprocess.TimeoutExpired):
-                raise BuildError(f"{command[0]} did not end within {COMPILE_SECONDS:g} s") from error
-            raise
-    return subprocess.CompletedProcess(command, process.returncode, out, errors)
+    finally:
+        if process is not None:
+            if process.returncode is None:
+                _kill_group(process)
+            with process:  # closes its pipes
+                pass
 
 
 def _kill_group(process: subprocess.Popen[str]) -> None:

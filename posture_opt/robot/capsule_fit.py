@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from posture_opt.numerics import Array
-from posture_opt.robot.shape import Capsule
+from posture_opt.robot.robot import Capsule
 
 # A further capsule must save this factor of volume: each one more is checked against all others in every posture
 VOLUME_FACTOR = 1.15

@@ -14,8 +14,7 @@ from pydantic import Field, model_validator
 from posture_opt.errors import BadValueError, InputError, Issue, did_you_mean, listed
 from posture_opt.limits import MOST_CAPSULES
 from posture_opt.numerics import Array
-from posture_opt.robot.robot import Factor, Joint, Robot
-from posture_opt.robot.shape import BASE, TOOL, Capsule, moved
+from posture_opt.robot.robot import BASE, TOOL, Capsule, Factor, Joint, Robot, moved
 from posture_opt.spec import Spec
 from posture_opt.units import Length
 

@@ -18,8 +18,7 @@ from posture_opt.limits import MOST_JOINTS
 from posture_opt.numerics import Array
 from posture_opt.robot.corrections import with_velocities
 from posture_opt.robot.format import FULL_TURN, RobotFormat, check_joint_name
-from posture_opt.robot.robot import Joint, Robot, UrdfDescription
-from posture_opt.robot.shape import BASE
+from posture_opt.robot.robot import BASE, Joint, Robot, UrdfDescription
 from posture_opt.robot.shape_section import replaces_shape, shaped
 from posture_opt.robot.urdf_chain import ChainSegment, link_factors, segments_of
 from posture_opt.robot.urdf_reader import MAX_BYTES, MAX_NUMBER, Element, in_urdf, read_elements, read_urdf

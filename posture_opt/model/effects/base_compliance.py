@@ -8,7 +8,7 @@ from typing import ClassVar, Literal
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import cross, dot, scale, subtract
 from posture_opt.model.effects.base.effect import Effect, Excitation, Sensitivity, SoleEffect, foot
-from posture_opt.model.effects.base.gravity_load import GravityLoaded
+from posture_opt.model.effects.base.joint_effect import GravityLoaded
 
 
 class BaseCompliance(GravityLoaded, SoleEffect):

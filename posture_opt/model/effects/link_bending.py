@@ -10,8 +10,7 @@ from posture_opt.errors import BadValueError
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Vector, add, cross, dot, scale, subtract
 from posture_opt.model.effects.base.effect import Effect, Excitation, Sensitivity
-from posture_opt.model.effects.base.gravity_load import GravityLoaded
-from posture_opt.model.effects.base.joint_effect import EffectOfJoint
+from posture_opt.model.effects.base.joint_effect import EffectOfJoint, GravityLoaded
 from posture_opt.model.effects.base.plausible_range import LARGEST_TURN, SOURCE, PlausibleRange, least_stiffness
 from posture_opt.robot.robot import Robot
 from posture_opt.units import number

@@ -1,4 +1,4 @@
-"""``Sources``: which model parameters are uncertain, by how much, and how they are correlated; errors of a workpiece.
+"""``Sources``: which model parameters are uncertain, by how much, and how they are correlated; their names in reports.
 
 The tool errs relative to the feature. With the errors e of the tool point, t and φ of the workpiece, a shift and a
 small turn about its origin, and f of the feature itself, that is ``e − t − φ × l − f``, l the lever from the origin to
@@ -16,11 +16,13 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from posture_opt.errors import BadValueError, InputError, Issue
-from posture_opt.model.arm import Twist
+from posture_opt.model.arm import Arm, Twist
+from posture_opt.model.arm_state import REFERENCE_TEMPERATURE
 from posture_opt.model.chain import ZERO, Vector, cross
 from posture_opt.numerics import Array
 from posture_opt.spec import Spec
-from posture_opt.units import Angle, Length
+from posture_opt.statements.notation import stated_sigma
+from posture_opt.units import Angle, Length, shown
 
 _EIGENVALUE_ROUNDING = 1e-9  # of a matrix of correlations, per row: what float arithmetic leaves of a zero
 
@@ -217,3 +219,82 @@ def relative_twist(name: str, lever: Vector) -> Twist:
     k = COORDINATES.index(name[-1])
     away: Vector = (-float(k == 0), -float(k == 1), -float(k == 2))
     return (cross(away, lever), away) if stated_name(name) == ANGLE else (away, ZERO)
+
+
+_PARAMETERS = {
+    "theta": "angle",
+    "d": "offset",
+    "a": "link length",
+    "alpha": "twist",
+    "beta": "tilt",
+    **{name: f"frame, {name}" for name in ("x", "y", "z", "roll", "pitch", "yaw")},
+}
+_OF_WORKPIECE = {POSITION: "workpiece position", ANGLE: "workpiece angle", FEATURE: "feature position"}
+
+
+def source_words(name: str, arm: Arm) -> str:
+    """A named source of error in words: ``joint1.theta`` is the joint1 angle."""
+    if said := _OF_WORKPIECE.get(name) or _source_of_effect(name, arm):
+        return said
+    owner, _, parameter = name.rpartition(".")
+    prismatic = any(joint.name == owner and joint.type == "prismatic" for joint in arm.robot.joints)
+    if prismatic and parameter == "d":
+        return f"{owner} travel"
+    if owner in ("base", "tool"):
+        return f"{owner} {parameter}"
+    return f"{owner} {_PARAMETERS[parameter]}" if owner and parameter in _PARAMETERS else name
+
+
+def source_size(name: str, sigma: float, arm: Arm) -> str:
+    """The standard deviation of a source with its unit."""
+    if said := _spread_of_effect(name, sigma, arm):
+        return said
+    if name in _OF_WORKPIECE:
+        return stated_sigma(sigma, "rad" if name == ANGLE else "m")
+    factor = arm.robot.parameters.get(name)
+    return stated_sigma(sigma, "m" if factor is not None and factor.kind == "translate" else "rad")
+
+
+def _source_of_effect(name: str, arm: Arm) -> str:
+    """A parameter of an effect, or a side that is not known, as a source of error; empty for other sources."""
+    if name in arm.unknown_sides:
+        return f"{name.removesuffix('.side')} side of approach"
+    for found in arm.measured_ranges:
+        if name == found.name:
+            return f"{found.effect.target} {found.effect.title} beyond its measured range"
+    for effect in arm.effects:
+        if name in effect.parameter_names:
+            parameter = name.removeprefix(f"{effect.name}.")
+            what = effect.title if len(effect.dimensions) == 1 else f"{effect.title}, {parameter}"
+            return f"{effect.target} {what}"
+    return ""
+
+
+def _spread_of_effect(name: str, sigma: float, arm: Arm) -> str:
+    """The standard deviation of a parameter of an effect with its unit; empty for other sources."""
+    if name in arm.unknown_sides:
+        return "either side"
+    for found in arm.measured_ranges:
+        if name == found.name:
+            return shown(sigma * found.effect.unmeasured_size, "angle")
+    dimension = arm.dimensions.get(name)
+    return "" if dimension is None else shown(sigma, dimension)
+
+
+def conditions(arm: Arm) -> tuple[str, ...]:
+    """Payload, sides of approach, temperature and time, each where an effect of the arm needs it."""
+    asked = {need for effect in arm.effects for need in (*effect.asks, *effect.needs)}
+    inputs, texts = arm.inputs, []
+    if asked & {"masses", "payload"}:
+        texts.append(f"a payload of {inputs.payload:.6g} kg")
+    for joint in dict.fromkeys(e.target for e in arm.effects if "approach" in e.needs):
+        if joint in inputs.stated:
+            sense = "increasing" if inputs.side(arm.robot.joint_names.index(joint)) > 0 else "decreasing"
+            texts.append(f"{joint} arriving with {sense} values")
+        else:
+            texts.append(f"{joint} approached from either side")
+    if "temperature" in asked:
+        texts.append(f"{REFERENCE_TEMPERATURE + inputs.temperature:.6g} degC")
+    if "time" in asked:
+        texts.append(f"{inputs.time:.6g} s after the first measurement")
+    return tuple(texts)
