@@ -209,7 +209,7 @@ def _tip_options(tree: UrdfTree, base: str) -> list[str]:
     between = [link for link in dict.fromkeys(carrier_links.values()) if link != base and link not in paths]
     words = {link: _chain_words(tree.moving(base, link)) for link in (*paths, *between)}
     for link in between:
-        words[link] += f", carries {', '.join(leaf for leaf in moving if carrier_links[leaf] == link)}"
+        words[link] += f", carries {', '.join(leaf for leaf in moving if carriers[leaf] == link)}"
     return [f"{link} ({words[link]})" for link in (*fixed, *between, *moving)]
 
 
