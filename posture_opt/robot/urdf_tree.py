@@ -204,9 +204,8 @@ def _tip_options(tree: UrdfTree, base: str) -> list[str]:
     paths = {leaf: tree.path(base, leaf) for leaf in tree.leaves(base)}
     fixed = [leaf for leaf, path in paths.items() if path and path[-1].type == "fixed"]
     moving = [leaf for leaf in paths if leaf not in fixed]
-    # The parent link of the last moving joint before each leaf.
-    carrier_links = {leaf: [base, *(joint.parent for joint in tree.moving(base, leaf))][-1] for leaf in moving}
-    between = [link for link in dict.fromkeys(carrier_links.values()) if link != base and link not in paths]
+    carriers = {leaf: [base, *(joint.parent for joint in tree.moving(base, leaf))][-1] for leaf in moving}
+    between = [link for link in dict.fromkeys(carriers.values()) if link != base and link not in paths]
     words = {link: _chain_words(tree.moving(base, link)) for link in (*paths, *between)}
     for link in between:
         words[link] += f", carries {', '.join(leaf for leaf in moving if carriers[leaf] == link)}"
