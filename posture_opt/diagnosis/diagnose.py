@@ -56,7 +56,7 @@ from posture_opt.limits import MOST_SEARCHED
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.repeats import repeats_of_one_kind, thin
 from posture_opt.model.effects import Effect
-from posture_opt.model.effects.base.gravity_load import GravityLoaded
+from posture_opt.model.effects.base.joint_effect import GravityLoaded
 from posture_opt.numerics import Array, Codes, Progress, rms
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.validation.prediction import prismatic_joints

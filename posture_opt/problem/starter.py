@@ -20,7 +20,7 @@ from posture_opt.problem.yaml_source import dump_scalar, parse_yaml
 from posture_opt.robot import load_preset
 from posture_opt.robot.robot import Joint, Robot
 from posture_opt.robot.urdf import UrdfRobot
-from posture_opt.robot.urdf_tip import ChosenTip
+from posture_opt.robot.urdf_tree import ChosenTip
 from posture_opt.selection.answer.selector import PostureSelector
 from posture_opt.texts import one_line
 from posture_opt.units import joint_text

@@ -36,8 +36,7 @@ from posture_opt.model.effects import (
     Limit,
     NoiseEffect,
 )
-from posture_opt.model.effects.base.gravity_load import GravityLoaded
-from posture_opt.model.effects.base.joint_effect import LostMotion
+from posture_opt.model.effects.base.joint_effect import GravityLoaded, LostMotion
 from posture_opt.model.effects.base.multiples import RotatingPart, resolution
 from posture_opt.model.effects.base.plausible_range import PlausibleRange
 from posture_opt.numerics import Array, Codes, Json

@@ -12,7 +12,7 @@ from posture_opt.calibration.estimation.effect_sensitivities import EffectSensit
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.diagnosis.search.nested_selection import NestedSelection
 from posture_opt.model.effects import Effect
-from posture_opt.model.effects.base.gravity_load import GravityLoaded
+from posture_opt.model.effects.base.joint_effect import GravityLoaded
 from posture_opt.numerics import Array, Codes
 
 
