@@ -10,9 +10,9 @@ from posture_opt.batch.batch_covariance import CorrelatedPair
 from posture_opt.calibration.estimation.error_statistics import By
 from posture_opt.diagnosis.causes.causes import Finding, noise_finding
 from posture_opt.diagnosis.diagnosis import Outcome
+from posture_opt.diagnosis.diagnosis_statements import uneven_statements
 from posture_opt.diagnosis.noise.noise_causes import noise_samples
 from posture_opt.diagnosis.noise.uneven_noise import NoiseCause, NoiseSample, UnevenErrors, find_uneven_noise
-from posture_opt.diagnosis.open_statements import uneven_statements
 from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.search.linearised_data import linearise_calibration
 from posture_opt.interrupts import interruptible

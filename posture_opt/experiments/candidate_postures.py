@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.collision.scene import Scene
 from posture_opt.errors import InputError, Issue, NoSolutionError
 from posture_opt.experiments.information import planned_rows
+from posture_opt.experiments.planned_kind import KindPlaces
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.chain import Walk, factor_values, stack, walk
 from posture_opt.numerics import Array, Mask
@@ -25,8 +27,6 @@ POSTURE_STEP = {"revolute": math.radians(0.01), "prismatic": 1e-5}
 _LIMIT_MARGIN = {"revolute": math.radians(2.0), "prismatic": 2e-3}  # to a limit, where none is stated
 # Two postures differ by this in at least one joint [rad, m]: what the model cannot express differs from place to place.
 _SEPARATION = {"revolute": math.radians(20.0), "prismatic": 0.05}
-_MAX_MARGIN_SHARE = 0.05  # of a joint's range
-_MAX_TRIED_POSTURES = 200_000  # random postures before the search for allowed ones is given up
 _TRIED_AT_ONCE = 5000
 # Candidate rows of each sort, before those that are not allowed go: enough for a design and a few seconds.
 _MEASURED_CANDIDATES, _SWUNG_CANDIDATES, _RANDOM_CANDIDATES = 150, 350, 500
@@ -35,32 +35,23 @@ _MAX_PAYLOADS = 4  # of the data; of more the least, the largest and some betwee
 
 @dataclass(frozen=True)
 class Workspace:
-    """Where an arm may go.
-
-    Args:
-        lower, upper: (n,) of every joint, one turn at most, the margins to the limits taken off [rad, m].
-        height: the least height (world z) of the tool point and of all links that a joint can raise [m]; −inf: none.
-        box: lower and upper corner of where the tool point may go, world [m].
-        scene: what the arm must not collide with: itself, with capsules along its links where its shape is not known,
-            and the obstacles of its cell.
-    """
+    """Where an arm may go."""
 
     robot: Robot
-    lower: Array
+    lower: Array  # lower, upper: (n,) of every joint, one turn at most, the margins to the limits taken off [rad, m]
     upper: Array
+    # the least height (world z) of the tool point and of all links that a joint can raise [m]; −inf: none
     height: float
-    box: Box
+    box: Box  # lower and upper corner of where the tool point may go, world [m]
+    # what the arm must not collide with: itself, with capsules along its links where its shape is not known, and the
+    # obstacles of its cell
     scene: Scene
 
     @classmethod
     def of(
         cls, robot: Robot, scene: Scene, *, height: float = -math.inf, margin: float = 0.0, box: Box = ANYWHERE
     ) -> Workspace:
-        """The workspace inside the limits; ``margin`` to the limits of revolute joints where one is stated [rad].
-
-        Raises:
-            InputError: a slide without limits.
-        """
+        """The workspace inside the limits; ``margin`` to the limits of revolute joints where one is stated [rad]."""
         ranges = [joint_range(joint, margin) for joint in robot.joints]
         lower, upper = np.array(ranges, dtype=float).T
         return cls(robot, lower, upper, height, box, scene)
@@ -81,11 +72,7 @@ class Workspace:
         return bool(np.isfinite(self.box).any())
 
     def allowed(self, q: Array) -> Mask:
-        """Which of the postures (N, n) [rad or m] are allowed (N,): in the box, high enough, free of collisions.
-
-        Limits of the joints are not checked: candidates are drawn within them. Collisions are checked last, for the
-        rest.
-        """
+        """Which of the postures (N, n) [rad or m] are allowed (N,): in the box, high enough, free of collisions."""
         reached = nominal_chain(self.robot, q)
         points = skeleton_points(self.robot, reached, len(q))
         moving = np.ptp(points[:, :, 2], axis=0) > 1e-9 if len(q) > 1 else np.ones(points.shape[1], dtype=bool)
@@ -96,16 +83,11 @@ class Workspace:
         return found
 
     def postures(self, count: int, rng: np.random.Generator) -> tuple[Array, float]:
-        """Random allowed postures (count, n), rounded, and the share of the tried ones that were allowed.
-
-        Uniform in the joint values between ``lower`` and ``upper``; `_MAX_TRIED_POSTURES` are tried at the most.
-
-        Raises:
-            NoSolutionError: hardly any posture is allowed.
-        """
+        """Random allowed postures (count, n), rounded, and the share of the tried ones that were allowed."""
         found: list[Array] = []
         have = tried = 0
-        while have < count and tried < _MAX_TRIED_POSTURES:
+        # 200_000 random postures before the search for allowed ones is given up
+        while have < count and tried < 200_000:
             q = self.rounded(self.drawn(rng, _TRIED_AT_ONCE))
             found.append(q[self.allowed(q)])
             have, tried = have + len(found[-1]), tried + _TRIED_AT_ONCE
@@ -133,10 +115,7 @@ class Workspace:
         return self.allowed(q)
 
     def separations(self, count: int) -> Array:
-        """(w,) by which two of ``count`` postures differ in one number at least [rad or m].
-
-        A quarter of the range over the n-th root of ``count`` where that is less: there must be room for all of them.
-        """
+        """(w,) by which two of ``count`` postures differ in one number at least [rad or m]."""
         stated = np.array([_SEPARATION[joint.type] for joint in self.joints])
         n = len(stated)
         room = self.steps()[:n] / (4 * count ** (1 / n))
@@ -154,13 +133,7 @@ class Workspace:
 
 
 def joint_range(joint: Joint, margin: float) -> tuple[float, float]:
-    """Lower and upper end of a joint's range in a plan [rad or m]: one turn at most, a margin to its limits taken off.
-
-    The margin is 2° or 2 mm, at most 5 % of the range on each side, or what the task states if that is more.
-
-    Raises:
-        InputError: a slide without limits.
-    """
+    """Ends of a joint's range in a plan [rad or m]: one turn at most, less a margin to its limits."""
     lower, upper = joint.lower, joint.upper
     if joint.type == "prismatic" and not (math.isfinite(lower) and math.isfinite(upper)):
         raise InputError(Issue(f"{joint.name} has no limits to plan within", hint=f"state the limits of {joint.name}"))
@@ -168,9 +141,8 @@ def joint_range(joint: Joint, margin: float) -> tuple[float, float]:
         lower = -math.pi if lower <= -math.pi and upper >= math.pi else max(lower, upper - 2 * math.pi)
         return lower, lower + 2 * math.pi
     stated = margin if joint.type == "revolute" else 0.0
-    inward = max(
-        min(_LIMIT_MARGIN[joint.type], _MAX_MARGIN_SHARE * (upper - lower)), min(stated, 0.49 * (upper - lower))
-    )
+    # 0.05 of a joint's range
+    inward = max(min(_LIMIT_MARGIN[joint.type], 0.05 * (upper - lower)), min(stated, 0.49 * (upper - lower)))
     return lower + inward, upper - inward
 
 
@@ -196,18 +168,7 @@ def available_payloads(data: Measurements, stated: float) -> tuple[float, ...]:
 
 
 def candidate_rows(residuals: Residuals, joints: Collection[int], sided: bool, seed: int = 0) -> Measurements:
-    """Rows that could be measured, none of them yet.
-
-    Postures of the data again; the same with some joints anywhere in their range; and any others. They keep clear of
-    the arm itself and go no lower than its foot, or than the data went. Payloads and sides are drawn at random.
-
-    Args:
-        joints: those that are moved over their whole range.
-        sided: whether the side of arrival is chosen too.
-
-    Raises:
-        InputError: a slide without limits.
-    """
+    """Rows that could be measured, none of them yet."""
     robot, data = residuals.robot, residuals.data
     rng = np.random.default_rng(seed)
     known = np.unique(data.q, axis=0)
@@ -242,3 +203,60 @@ def _lowest_point(residuals: Residuals) -> float:
     moving = np.ptp(points[:, :, 2], axis=0) > 1e-9
     lowest = float(points[:, moving, 2].min()) if moving.any() else np.inf
     return min(lowest, float(points[0, 0, 2])) - 1e-9
+
+
+@dataclass(frozen=True)
+class KindWorkspace(Workspace):
+    """Where an arm may go to measure the places of an instrument; postures (N, w) as of `KindPlaces`."""
+
+    places: KindPlaces
+
+    @classmethod
+    def around(cls, workspace: Workspace, places: KindPlaces) -> KindWorkspace:
+        """A workspace of which only postures that can be measured count."""
+        own = {name: getattr(workspace, name) for name in ("robot", "lower", "upper", "height", "box", "scene")}
+        return cls(**own, places=places)
+
+    @property
+    def joints(self) -> tuple[Joint, ...]:
+        """The joints of the arm, then of a second one."""
+        return (*super().joints, *(joint for _, joint in self.places.further))
+
+    @cached_property
+    def ranges(self) -> tuple[Array, Array]:
+        """(w,), (w,) lower and upper end of all joints."""
+        more = np.array([joint_range(joint, 0.0) for _, joint in self.places.further]).reshape(-1, 2)
+        return np.r_[self.lower, more[:, 0]], np.r_[self.upper, more[:, 1]]
+
+    def allowed(self, q: Array) -> Mask:
+        """Which postures (N, w) are allowed and measure something."""
+        found = super().allowed(q[:, : self.robot.n])
+        found[found] = self.places.offered(q[found])[1]
+        found[found] = ~self.places.hidden(q[found], self.scene.placed)
+        return found
+
+    def passable(self, q: Array) -> Mask:
+        """Which postures may be passed through: an instrument that stays at the tool is to measure on the way too."""
+        return self.allowed(q) if self.places.kind.attached else super().allowed(q[:, : self.robot.n])
+
+    def drawn(self, rng: np.random.Generator, count: int) -> Array:
+        """Postures at random where such an instrument may see something."""
+        return self.places.drawn(rng, count, *self.ranges)
+
+    def rounded(self, q: Array) -> Array:
+        """Postures as they are in the file; those that touch are first led to the nearest place."""
+        q, joints = self.places.touching(q), len(self.joints)
+        return np.column_stack([super().rounded(q[:, :joints]), np.round(q[:, joints:])])
+
+    def separations(self, count: int) -> Array:
+        """(w,) as of joints; another instrument is another posture."""
+        # 0.5 two instruments in one posture are apart: their numbers differ by more.
+        return np.asarray(np.r_[super().separations(count), np.full(self.places.fixed, 0.5)])
+
+    def steps(self) -> Array:
+        """(w,) ranges of the joints; the instrument stays."""
+        return np.asarray(np.r_[super().steps(), np.zeros(self.places.fixed)])
+
+    def unit_travel(self) -> Array:
+        """(w,) as of joints; changing the instrument is no travel."""
+        return np.asarray(np.r_[super().unit_travel(), np.full(self.places.fixed, np.inf)])

@@ -11,9 +11,8 @@ from typing import Literal
 import numpy as np
 
 from posture_opt.calibration.estimation.parameters import Parameter
-from posture_opt.csv_text import csv_line
 from posture_opt.experiments.candidate_postures import Workspace
-from posture_opt.experiments.expected_errors import ExpectedErrors
+from posture_opt.experiments.information import ExpectedErrors
 from posture_opt.experiments.plan_search import Tour
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Json, Mask
@@ -22,41 +21,31 @@ from posture_opt.robot.posture import Posture
 from posture_opt.robot.robot import Joint, Robot
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.statements import Quantity, Statement, state
+from posture_opt.texts import csv_line
 from posture_opt.uncertainty.regions.critical import PARTS
 
 Purpose = Literal["parameters", "task", "recheck"]
 INSTRUMENT = "instrument"
 """Column that says which instrument measured a row."""
 _WRITTEN = {"revolute": ("deg", math.degrees(1.0)), "prismatic": ("mm", 1e3)}
-_EXACT_STD = 1e-7  # m, rad: rounding of a covariance in which parameters are correlated
 
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """The posture whose tool point a plan serves, and the directions (t, 3) along which its error counts.
+    """The posture whose tool point a plan serves, and the directions (t, 3) along which its error counts."""
 
-    Args:
-        q: (n,) the posture [rad or m].
-        basis: (t, 3) orthonormal directions, world; ``within`` names them: ``across``, ``along`` or ``all``.
-    """
-
-    q: Array
-    basis: Array
+    q: Array  # (n,) the posture [rad or m]
+    basis: Array  # (t, 3) orthonormal directions, world; ``within`` names them: ``across``, ``along`` or ``all``
     within: str
 
 
 @dataclass(frozen=True, eq=False)
 class SecondJoint:
-    """A joint of a second arm, which the tool touches.
+    """A joint of a second arm, which the tool touches."""
 
-    Args:
-        name: ``ARM.JOINT``.
-        values: (count,) at each posture [rad or m]; NaN where another instrument is used.
-    """
-
-    name: str
+    name: str  # ``ARM.JOINT``
     joint: Joint
-    values: Array
+    values: Array  # (count,) at each posture [rad or m]; NaN where another instrument is used
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -136,7 +125,8 @@ class MeasurementPlan(Result):
     @property
     def listed(self) -> list[int]:
         """Indices of the parameters that can be determined and are not as good as exact already."""
-        return np.flatnonzero(self.settled & ~(self.before.std < _EXACT_STD)).tolist()
+        # 1e-7 m, rad: rounding of a covariance in which parameters are correlated
+        return np.flatnonzero(self.settled & ~(self.before.std < 1e-7)).tolist()
 
     @property
     def arm_scatter(self) -> float:
@@ -190,7 +180,6 @@ class MeasurementPlan(Result):
         return "\n".join(lines) + "\n"
 
     def _rows_beside(self, k: int) -> list[tuple[str, ...]]:
-        """What stands beside the joints in each row of a posture."""
         by_row = {name: cells[k] for name, cells in self.columns_by_row.items()}
         count = max(map(len, by_row.values()), default=1)
         every = {name: (cells[k],) * count for name, cells in self.columns.items()} | by_row
@@ -248,13 +237,11 @@ class MeasurementPlan(Result):
 
 
 def _written(one: SecondJoint, k: int) -> str:
-    """A joint value of a second arm in deg or mm; empty where that arm is not used."""
     value = float(one.values[k]) * _WRITTEN[one.joint.type][1]
     return f"{value + 0.0:.2f}" if math.isfinite(value) else ""
 
 
 def _finite_or_none(value: float) -> float | None:
-    """A number of a document: None in place of NaN and infinity, which JSON does not have."""
     return float(value) if np.isfinite(value) else None
 
 
@@ -264,7 +251,6 @@ def plan_statements(plan: MeasurementPlan) -> tuple[Statement, ...]:
 
 
 def _worth(plan: MeasurementPlan) -> Statement:
-    """How many random postures the planned ones are worth."""
     count = len(plan.q)
     if plan.equivalent is None:
         return state("experiments.worth-more", postures=count, random=plan.tried, purpose=plan.purpose)
@@ -274,19 +260,16 @@ def _worth(plan: MeasurementPlan) -> Statement:
 
 
 def _surface(plan: MeasurementPlan) -> Iterator[Statement]:
-    """What the arm stands on, and how low it may reach."""
     if mounting := plan.workspace.scene.mounting_statement(plan.q):
         yield mounting
     yield from _height(plan)
 
 
 def _height(plan: MeasurementPlan) -> tuple[Statement, ...]:
-    """That nothing keeps the arm from reaching below the table."""
     return () if plan.keeps_height else (state("experiments.table-unstated"),)
 
 
 def _task_error(plan: MeasurementPlan) -> Iterator[Statement]:
-    """The expected error at the posture of the task, where there is one."""
     if plan.target is None or math.isnan(plan.after.task):
         return
     part, error = PARTS[plan.target.within], Quantity(plan.after.task)
@@ -316,7 +299,6 @@ def tour_statements(plan: MeasurementPlan) -> Iterator[Statement]:
 
 
 def _open(plan: MeasurementPlan) -> Iterator[Statement]:
-    """What is not checked, and what no posture can separate."""
     yield state("experiments.run-slowly")
     for what in plan.undetermined:
         yield state("experiments.inseparable", what=what)

@@ -10,27 +10,27 @@ import numpy as np
 
 from posture_opt.collision.scene import Scene
 from posture_opt.errors import InputError, InsufficientDataError, Issue, NoSolutionError
-from posture_opt.experiments.candidate_postures import ANYWHERE, Box, Workspace
-from posture_opt.experiments.change_information import change_information, change_model, change_prior
-from posture_opt.experiments.expected_errors import ExpectedErrors, PriorInformation, Unknowns
+from posture_opt.experiments.candidate_postures import ANYWHERE, Box, KindWorkspace, Workspace
 from posture_opt.experiments.information import (
+    ExpectedErrors,
     GivenInformation,
     MeasurementModel,
+    PriorInformation,
+    Unknowns,
     given_information,
     measurement_model,
     nothing_measured,
     repeat_variance,
 )
-from posture_opt.experiments.kind_workspace import KindWorkspace
 from posture_opt.experiments.measurement_plan import MeasurementPlan, Purpose, SecondJoint, Target
 from posture_opt.experiments.plan_search import PlanSearch, shortest_tour
+from posture_opt.experiments.possible_changes import change_information, change_model, change_prior
 from posture_opt.interrupts import interruptible
 from posture_opt.limits import MOST_CANDIDATES, MOST_PLANNED
 from posture_opt.measurements.kinds.pose import ORIENTATION
 from posture_opt.measurements.measurements import Measurements, nominal_poses
 from posture_opt.numerics import Array, Progress
-from posture_opt.selection.answer.fallbacks import with_fallbacks
-from posture_opt.selection.problem_data import ProblemData
+from posture_opt.selection.problem_data import ProblemData, with_fallbacks
 from posture_opt.selection.select_posture import planned_posture
 from posture_opt.selection.terms.limit_margin import LimitMargin
 from posture_opt.selection.terms.link_height import LinkHeight
@@ -38,7 +38,6 @@ from posture_opt.statements import Statement, state
 from posture_opt.workers import Executor, Serial, Workers, opened
 
 _RANDOM_PLANS = 21  # random plans of the same size that the chosen one is compared with
-_MAX_SHOWN_POINTS = 1500  # random postures that are kept to be drawn
 
 
 @interruptible()
@@ -138,7 +137,6 @@ def stated_bounds(problem: ProblemData) -> tuple[float, float]:
 
 
 def _least_height(problem: ProblemData) -> bool:
-    """Whether some joint can change the height of what is behind it."""
     rng = np.random.default_rng(0)
     workspace = Workspace.of(problem.robot, Scene.of(problem.robot, None))
     points, _ = nominal_poses(problem.robot, rng.uniform(workspace.lower, workspace.upper, (32, problem.robot.n)))
@@ -146,17 +144,10 @@ def _least_height(problem: ProblemData) -> bool:
 
 
 def _at_flange(problem: ProblemData) -> bool:
-    """Whether the tool is free and no offset of it is stated: the plan takes the flange for the tool point."""
     return problem.robot.tool_free and not any(f.nominal for f in problem.robot.tool if f.kind == "translate")
 
 
 def _planned_target(problem: ProblemData, needed: bool) -> tuple[Target | None, tuple[Statement, ...]]:
-    """The task's best posture; where none is needed, its lack is only remarked on.
-
-    Raises:
-        InputError: a task is needed and the problem has none.
-        NoSolutionError: a task is needed and has no posture.
-    """
     if problem.task is None and not needed:
         return None, ()
     if problem.task is None:
@@ -179,15 +170,7 @@ def plan_postures(
     target: Target | None, seed: int, candidates: int, repeats: int = 1, keeps_height: bool = True,
     remarks: tuple[Statement, ...] = (), workers: Workers | None = None, progress: Progress | None = None,
 ) -> MeasurementPlan:  # fmt: skip
-    """The ``count`` postures that add most information, by exchange among random candidates and postures near them.
-
-    The random plans it is compared with are drawn from the same candidates (`_RANDOM_PLANS` of them).
-
-    Raises:
-        InputError: fewer postures than a calibration needs.
-        InsufficientDataError: no parameter can be determined by this instrument.
-        NoSolutionError: hardly any posture is allowed.
-    """
+    """The ``count`` postures that add most information, by exchange among random candidates and postures near them."""
     rng = np.random.default_rng(seed)
     measuring, assumed = measurement_model(problem, given, repeats)
     if measuring.places is not None:
@@ -217,6 +200,7 @@ def plan_postures(
     random = [J[rng.permutation(len(pool))] for _ in range(_RANDOM_PLANS)]
     equivalent, gain = search.compared(chosen, random)
     residuals = measuring.residuals
+    # 1500 random postures that are kept to be drawn
     return MeasurementPlan(
         problem=problem, q=q[:, :n], points=nominal_poses(problem.robot, q[:, :n])[0], repeats=repeats, purpose=purpose,
         parameters=measuring.parameters, settled=unknowns.settled, undetermined=unknowns.known.words,
@@ -224,7 +208,7 @@ def plan_postures(
         random=ExpectedErrors.median([unknowns.after(drawn[:count]) for drawn in random]), gain=gain,
         equivalent=equivalent,
         tried=len(pool), draws=_RANDOM_PLANS, target=target, tour=way, workspace=workspace, share=share,
-        reach=nominal_poses(problem.robot, pool[:_MAX_SHOWN_POINTS, :n])[0], given=given,
+        reach=nominal_poses(problem.robot, pool[:1500, :n])[0], given=given,
         spread=float(np.sqrt(known.variance)),
         sigma=residuals.sigma, sigma_rotation=residuals.further.get(ORIENTATION.key, 0.0),
         axes=tuple(residuals.data.kind.axis_names[i] for i in residuals.axes), targets=measuring.targets,
@@ -250,14 +234,12 @@ def _second(measuring: MeasurementModel, q: Array) -> tuple[SecondJoint, ...]:
 def _information_given(
     problem: ProblemData, data: Measurements | None, measuring: MeasurementModel, variance: float
 ) -> GivenInformation:
-    """What the data made already say of the unknowns, or of nothing measured with a coordinate of some ``variance``."""
     if data is None:
         return nothing_measured(len(measuring.parameters), variance)
     return given_information(problem, data, measuring.parameters, variance)
 
 
 def _check_count(unknowns: Unknowns, measuring: MeasurementModel, count: int) -> None:
-    """Refuse where nothing can be determined, and where the postures are too few for a calibration of all that can."""
     if not unknowns.settled.any() or not unknowns.count:
         said = "; ".join(unknowns.known.words[:3])
         what = measuring.residuals.data.kind.noun

@@ -10,8 +10,14 @@ import numpy as np
 
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.collision.placed_capsules import PlacedCapsules
-from posture_opt.experiments.planned_kind import KindPlaces, moved_parameters
-from posture_opt.measurements.kinds import Member, Mixed
+from posture_opt.experiments.planned_kind import (
+    BoardPosePlaces,
+    KindPlaces,
+    PairPlaces,
+    PicturePlaces,
+    moved_parameters,
+)
+from posture_opt.measurements.kinds import BoardPose, MarkerPixels, Member, Mixed, PairContact
 from posture_opt.measurements.kinds.mixed import SLOTS
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Codes, Mask
@@ -20,15 +26,9 @@ from posture_opt.robot.robot import Joint
 
 @dataclass(frozen=True, eq=False)
 class MixedPlaces(KindPlaces):
-    """The places of several instruments, and which of these is used from each posture.
+    """The places of several instruments, and which of these is used from each posture."""
 
-    The last number of a planned posture is that of its instrument. A row is one number of a reading.
-
-    Args:
-        parts: the places of each instrument.
-    """
-
-    parts: tuple[KindPlaces, ...] = ()
+    parts: tuple[KindPlaces, ...] = ()  # the places of each instrument
 
     @classmethod
     def of_instruments(cls, residuals: Residuals, x: Array, of_one: Callable[[KindPlaces], KindPlaces]) -> MixedPlaces:
@@ -179,13 +179,11 @@ class MixedPlaces(KindPlaces):
 
 
 def _kind(data: Measurements) -> Mixed:
-    """The instruments of a file."""
     assert isinstance(data.kind, Mixed), "a file of several instruments"
     return data.kind
 
 
 def _readings(data: Measurements, k: int, member: Member, first_second: int) -> Measurements:
-    """The readings of one instrument, one a row, as if they were the whole file."""
     assert data.part is not None, "a row is a number of a reading"
     own = np.flatnonzero(data.part // SLOTS == k)
     whole = data.take(own[np.unique(data.line[own], return_index=True)[1]])
@@ -195,3 +193,21 @@ def _readings(data: Measurements, k: int, member: Member, first_second: int) -> 
         point_names=tuple(place for place in member.places if place), second=second, second_names=member.seconds,
         lever=None,
     )  # fmt: skip
+
+
+_RULES: dict[type, type[KindPlaces]] = {
+    MarkerPixels: PicturePlaces, BoardPose: BoardPosePlaces, PairContact: PairPlaces,
+}  # fmt: skip
+"""Kinds that look at more than the aspect of the tool beside a place."""
+
+
+def planned_places(residuals: Residuals, x: Array) -> KindPlaces:
+    """The places of the given rows by a fit x (k,) to them [rad, m], by the rule of their kind."""
+    if isinstance(residuals.data.kind, Mixed):
+        return MixedPlaces.of_instruments(residuals, x, _by_rule)
+    return _by_rule(KindPlaces.of(residuals, x))
+
+
+def _by_rule(places: KindPlaces) -> KindPlaces:
+    rule = _RULES.get(type(places.kind), KindPlaces)
+    return rule(places.data, places.robot, places.moved, places.values)

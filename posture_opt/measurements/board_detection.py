@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from posture_opt.csv_text import csv_line, unguarded
 from posture_opt.errors import BadValueError, InputError, InsufficientDataError, Issue, one_of
 from posture_opt.files import content, naming
 from posture_opt.limits import MOST_BOARD_POINTS, MOST_PIXELS
 from posture_opt.measurements.camera_section import CharucoSpec, GridSpec
 from posture_opt.measurements.table import open_table
 from posture_opt.numerics import Array, Codes
+from posture_opt.texts import csv_line, unguarded
 from posture_opt.units import parse_quantity
 
 INSTALL = "pip install 'posture_opt[camera]'"  # What brings OpenCV

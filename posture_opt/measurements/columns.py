@@ -11,7 +11,6 @@ from typing import Any, Literal
 
 import numpy as np
 
-from posture_opt.csv_text import unguarded
 from posture_opt.errors import BadValueError
 from posture_opt.limits import MOST_CELLS
 from posture_opt.measurements.data_section import DataSpec
@@ -21,7 +20,7 @@ from posture_opt.measurements.kinds.position import COORDINATES
 from posture_opt.measurements.table import Faults, RowBlock
 from posture_opt.numerics import Array, Codes
 from posture_opt.robot.robot import Robot
-from posture_opt.texts import text_fault
+from posture_opt.texts import text_fault, unguarded
 
 _MARKED_NUMBER = re.compile(r"[-+]?[\d.,]*[.,][\d.,]*(?:[eE][-+]?\d+)?")  # A number with points or commas in it
 # A number with blanks or apostrophes between groups of three digits

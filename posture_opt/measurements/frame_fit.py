@@ -189,8 +189,10 @@ def _arm_at(sample: Sample, x: Array) -> tuple[Array, Array, Array, Array]:
     reached = walk(factors, factor_values(factors, [np.ascontiguousarray(column) for column in sample.q.T], off))
     p = stacked_rows(reached.position, n)
     R = np.stack([stacked_rows(column, n) for column in reached.columns], axis=2)
-    shift = np.stack([stacked_rows(position_column(reached, i), n) for i in own], axis=2)
-    turn = np.stack([stacked_rows(rotation_column(reached, i), n) for i in own], axis=2)
+    shift, turn = np.zeros((n, 3, len(own))), np.zeros((n, 3, len(own)))
+    for k, i in enumerate(own):
+        shift[:, :, k] = stacked_rows(position_column(reached, i), n)
+        turn[:, :, k] = stacked_rows(rotation_column(reached, i), n)
     return p, R, shift, turn
 
 

@@ -13,7 +13,11 @@ from posture_opt.measurements.data_section import DataSpec
 from posture_opt.measurements.kinds import KINDS, Position
 from posture_opt.measurements.kinds.pose import ORIENTATION_GROUPS
 from posture_opt.measurements.layout import BRACKETED_HEADER, ROUND_HEADER
-from posture_opt.measurements.orientation_columns import incomplete_orientation, orientation_names
+from posture_opt.measurements.orientation_columns import (
+    incomplete_orientation,
+    orientation_names,
+    turned_joints_of,
+)
 from posture_opt.measurements.table import Faults
 from posture_opt.robot.robot import Robot
 from posture_opt.units import DIMENSIONS, parse_quantity
@@ -304,8 +308,8 @@ def _is_of_another_robot(header: Header, robot: Robot, line: int, faults: Faults
         return False
     ours, theirs = ", ".join(robot.joint_names), listed(unknown, _MAX_LISTED_COLUMNS)
     message = f"no column is a joint of the problem's robot ({ours}), but there are {theirs}"
-    hint = "is it another robot's file? name its problem file, or say which columns are this robot's joints: "
-    hint += f'data: {{columns: {{{robot.joint_names[0]}: "{unknown[0]}", …}}}}'
+    hint = f'say which columns are joints: data: {{columns: {{{robot.joint_names[0]}: "{unknown[0]}", …}}}}; of poses '
+    hint += "of the flange write robot: {kind: flange} and columns flange_x, flange_rx …"
     faults.add(message, hint=hint, line=line)
     return True
 
@@ -314,7 +318,10 @@ def _note_missing(header: Header, there: set[str], robot: Robot, spec: DataSpec)
     guessed = {name for title, name in header.unknown.items() if name and not nearest(title, [name])}
     there = there - guessed
     several = len(header.unknown) > 1
+    turned = turned_joints_of(robot, there)
     for joint in robot.joints:
+        if joint.name in turned:
+            continue
         if joint.name not in there or (joint.name in guessed | (header.probable_names if several else set())):
             header.missing[joint.name] = f"{joint.name} [{'deg' if joint.type == 'revolute' else 'mm'}]"
     measured = [axis for axis in AXES if axis in there]
@@ -335,6 +342,8 @@ def _contradiction_faults(
     kinds = [(kind, sorted(kind.required(spec, ()) & {*header.found})) for kind in KINDS]
     others = [(kind, columns) for kind, columns in kinds if columns]
     incomplete_orientation(there, robot, line, faults)
+    if robot.pose_prefix:
+        incomplete_orientation(there, robot, line, faults, robot.pose_prefix)
     if "instrument" in there:
         return
     if (others and measured) or len(others) > 1:

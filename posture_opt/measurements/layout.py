@@ -7,7 +7,7 @@ import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
-from posture_opt.csv_text import unguarded
+from posture_opt.texts import unguarded
 
 BLANKS = " "  # Separator of cells between which there are blanks, one or more
 _SEPARATORS = ("\t", ";", ",", BLANKS)  # Separators that are tried; where two fit alike, the one that comes first

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from posture_opt.measurements.kinds import Kind, PointContact, Pose, Position, Seen
+from posture_opt.measurements.kinds import CameraPose, Kind, PointContact, Pose, Position, Seen
 from posture_opt.measurements.kinds.kind import Vector
 from posture_opt.model.arm import Arm
 from posture_opt.model.arm_state import REFERENCE_TEMPERATURE, Inputs
@@ -60,7 +60,7 @@ class BetterReading:
         return state(self.reading.id, self.reading.column, assumed=assumed, hint=hint, read=read, given=given)
 
 
-_POSITION, _POSE, _POINT = Position(), Pose(), PointContact()
+_POSITION, _POSE, _CAMERA, _POINT = Position(), Pose(), CameraPose(), PointContact()
 SAME_POSTURE_RAD = 1e-3  # Commands that differ by less [rad] lead to one posture
 # An arm does not stop, settle and get measured within a second: faster rows of other postures are of a moving arm
 STOP_S = 1.0
@@ -165,7 +165,9 @@ class Measurements(Summarised):
     @property
     def kind(self) -> Kind:
         """What the rows show of the pose of the tool."""
-        return self.instrument or (_POINT if self.position is None else _POSITION if self.rotation is None else _POSE)
+        if self.instrument is not None or self.position is None:
+            return self.instrument or _POINT
+        return _POSITION if self.rotation is None else _CAMERA if self.inverted else _POSE
 
     @property
     def order(self) -> Codes:

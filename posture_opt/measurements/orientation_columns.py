@@ -10,7 +10,7 @@ import numpy as np
 from posture_opt.measurements.columns import Cells, Column
 from posture_opt.measurements.data_section import DataSpec
 from posture_opt.measurements.kinds.pose import ORIENTATION_GROUPS, QUATERNION
-from posture_opt.measurements.rotations import axis_turn, quaternions_of
+from posture_opt.measurements.rotations import axis_turn, quaternions_of, rotation_matrices
 from posture_opt.measurements.table import Faults
 from posture_opt.numerics import TURN, Array, Codes
 from posture_opt.robot.robot import Robot
@@ -87,25 +87,49 @@ class OrientationColumns:
             yield "the rotation vectors are those of the inverse rotations", line, now * [1, -1, -1, -1]
 
 
-def groups_of(robot: Robot) -> dict[str, tuple[str, ...]]:
-    """The groups of columns that may hold an orientation: a joint of such a name takes its group away."""
-    names = {*robot.joint_names}
-    return {key: group for key, group in ORIENTATION_GROUPS.items() if key == "quaternion" or not {*group} & names}
+def groups_of(robot: Robot, prefix: str = "") -> dict[str, tuple[str, ...]]:
+    """The groups of columns that may hold an orientation: a joint of such a name takes its group away.
+
+    With the prefix of poses of the flange, the angles that are its joints are one of them.
+    """
+    names = {key: tuple(prefix + name for name in group) for key, group in ORIENTATION_GROUPS.items()}
+    taken = set() if prefix else {*robot.joint_names}
+    return {key: group for key, group in names.items() if key == "quaternion" or not {*group} & taken}
 
 
 def orientation_names(robot: Robot, angles: bool) -> tuple[str, ...]:
     """The columns that may hold an orientation: angles, or what has no unit, of a quaternion and of a matrix."""
-    return tuple(name for key, group in groups_of(robot).items() if (key in _OF_GROUP) == angles for name in group)
+    groups = [pair for prefix in {"", robot.pose_prefix} for pair in groups_of(robot, prefix).items()]
+    return tuple(name for key, group in groups if (key in _OF_GROUP) == angles for name in group)
 
 
-def is_oriented(there: Container[str], robot: Robot) -> bool:
+def turned_joints_of(robot: Robot, there: Container[str]) -> tuple[str, ...]:
+    """The joints whose values an orientation with the prefix of the robot holds, where its columns are there."""
+    if not robot.pose_prefix or not is_oriented(there, robot, robot.pose_prefix):
+        return ()
+    return robot.joint_names[-3:]
+
+
+def joint_turns(cells: Cells, columns: dict[str, Column], robot: Robot, faults: Faults) -> dict[str, Array]:
+    """Joint -> (N,) its values, of the joints that an orientation holds: ``R = Rz(q₃) Ry(q₄) Rx(q₅)``."""
+    joints = turned_joints_of(robot, columns)
+    found = orientation_of(cells, columns, robot, DataSpec(), faults, robot.pose_prefix) if joints else None
+    if found is None:
+        return {}
+    R = rotation_matrices(found.quaternions())
+    pitch = np.arctan2(-R[:, 2, 0], np.hypot(R[:, 2, 1], R[:, 2, 2]))
+    turns = np.arctan2(R[:, 1, 0], R[:, 0, 0]), pitch, np.arctan2(R[:, 2, 1], R[:, 2, 2])
+    return dict(zip(joints, turns, strict=True))
+
+
+def is_oriented(there: Container[str], robot: Robot, prefix: str = "") -> bool:
     """Whether some columns of an orientation are there."""
-    return any(group[0] in there for group in groups_of(robot).values())
+    return any(name in there for group in groups_of(robot, prefix).values() for name in group)
 
 
-def incomplete_orientation(there: Container[str], robot: Robot, line: int, faults: Faults) -> None:
+def incomplete_orientation(there: Container[str], robot: Robot, line: int, faults: Faults, prefix: str = "") -> None:
     """Faults where only some of the columns of an orientation are there, or those of two."""
-    groups = {key: group for key, group in groups_of(robot).items() if any(name in there for name in group)}
+    groups = {key: group for key, group in groups_of(robot, prefix).items() if any(name in there for name in group)}
     given = list(groups.values())
     for key, group in groups.items():
         lacking = ", ".join(name for name in group if name not in there)

@@ -29,7 +29,7 @@ from posture_opt.measurements.measurements import (
     still_axes,
 )
 from posture_opt.measurements.mixing import no_board_poses, with_instrument
-from posture_opt.measurements.orientation_columns import OrientationColumns, orientation_of
+from posture_opt.measurements.orientation_columns import OrientationColumns, joint_turns, orientation_of
 from posture_opt.measurements.plausibility import HasData, plausibility_checks
 from posture_opt.measurements.repeats import apart
 from posture_opt.measurements.rotations import inverted_poses
@@ -104,7 +104,9 @@ def _assemble_rows(
     cells: Cells, columns: dict[str, Column], problem: HasData, turned: OrientationColumns | None, faults: Faults
 ) -> Measurements:
     line, robot = cells.line, problem.robot
-    q = np.column_stack([cells.present(name) for name in robot.joint_names])
+    turns = joint_turns(cells, columns, robot, faults)
+    faults.refuse()
+    q = np.column_stack([turns[n] if n in turns else cells.present(n) for n in robot.joint_names])
     q, turned_joints = _as_counted(q, robot, problem.data)
     _check_limits(q, robot, columns, line, faults)
     check_inputs(cells, robot, faults)
@@ -248,14 +250,17 @@ def _derived_approach(q: Array, robots: Codes) -> tuple[Array, Array]:
 
 def _check_limits(q: Array, robot: Robot, columns: dict[str, Column], line: Codes, faults: Faults) -> None:
     for values, joint in zip(q.T, robot.joints, strict=True):
-        column, turns = columns[joint.name], joint.type == "revolute"
+        turns = joint.type == "revolute"
         margin = TURN if turns else joint.upper - joint.lower
         beyond = np.flatnonzero((values > joint.upper + margin) | (values < joint.lower - margin))
+        if not len(beyond):
+            continue
+        column = columns[joint.name]
         other, ratio = ("deg", math.pi / 180) if turns else ("mm", 1e-3)
         text = f"more than {'a turn' if turns else 'their whole range'} beyond the limits"
         converted = values / column.factor * ratio
         fits = converted.max() <= joint.upper + margin and converted.min() >= joint.lower - margin
-        if len(beyond) and column.unit != other and fits:
+        if column.unit != other and fits:
             first, reach = int(line[beyond[0]]), np.abs(values).max() / column.factor
             message = f"values up to {reach:.4g} {column.unit} lie {text} ({len(beyond)} rows, first line {first})"
             faults.add(message, joint.name, None, f"they look like {other}: write {joint.name} [{other}]", first)

@@ -14,7 +14,7 @@ from posture_opt.problem.effects_section import of_a_type
 from posture_opt.problem.yaml_source import Plain, Section, dump_yaml
 from posture_opt.robot.corrections import corrections_of, deviated, name_issues
 from posture_opt.robot.robot import Factor, Robot
-from posture_opt.selection.fitted_arm import NEGLIGIBLE, FittedArm
+from posture_opt.selection.problem_data import NEGLIGIBLE, FittedArm
 from posture_opt.texts import one_line
 from posture_opt.uncertainty.sources.covariance_file import covariance_text
 from posture_opt.uncertainty.sources.sources import Sources

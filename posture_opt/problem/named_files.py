@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import yaml
 
-from posture_opt.csv_text import unguarded
 from posture_opt.errors import BadValueError, InputError, Issue, nearest
 from posture_opt.files import content, located, naming
 from posture_opt.limits import MOST_PATH_POINTS
@@ -27,6 +26,7 @@ from posture_opt.problem.yaml_source import ProblemDocument, read_yaml
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.tasks import Task
 from posture_opt.selection.tasks.path_task import PathTask, repeated
+from posture_opt.texts import unguarded
 from posture_opt.units import LARGEST, parse_quantity
 
 _POINT, _AXIS = ("x", "y", "z"), ("dx", "dy", "dz")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from posture_opt import explorer_of
 from posture_opt.errors import InputError, Issue, KeyPath
 from posture_opt.files import content, located, naming
 from posture_opt.model.effects import Effect
@@ -29,12 +30,10 @@ from posture_opt.problem.named_files import named_files, second_document, with_p
 from posture_opt.problem.parts import fixed_part, input_notes, parse_spec, part_notes, problem_notes, read_parts
 from posture_opt.problem.schema import ProblemSpec, kept_of_task, replaced_data
 from posture_opt.problem.yaml_source import Plain, ProblemDocument, Section
-from posture_opt.registration import registered
 from posture_opt.robot.posture import Posture
 from posture_opt.robot.urdf_reader import MAX_BYTES
 from posture_opt.selection.answer.solution import Solution
-from posture_opt.selection.fitted_arm import FittedArm
-from posture_opt.selection.problem_data import ProblemData
+from posture_opt.selection.problem_data import FittedArm, ProblemData
 from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.uncertainty.sources.uncertainty_section import UncertaintySpec
 
@@ -262,7 +261,7 @@ class Problem(ProblemData):
         Raises:
             InputError: no task, or viser is missing (``pip install 'posture_opt[explore]'``).
         """
-        page: LivePage = registered("explorer", self)(port=port, browser=browser, data=data)
+        page: LivePage = explorer_of(self)(port=port, browser=browser, data=data)
         return page
 
     def to_dict(self) -> Section:

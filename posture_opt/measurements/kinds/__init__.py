@@ -8,7 +8,7 @@ from posture_opt.measurements.kinds.mixed import Member, Mixed
 from posture_opt.measurements.kinds.pair import PairContact, PairSpec
 from posture_opt.measurements.kinds.plane import PlaneContact, PlaneSpec
 from posture_opt.measurements.kinds.point import PointContact
-from posture_opt.measurements.kinds.pose import BoardPose, Pose
+from posture_opt.measurements.kinds.pose import BoardPose, CameraPose, Pose
 from posture_opt.measurements.kinds.position import Position
 
 # All kinds; the columns of a file say which of them it holds
@@ -21,6 +21,7 @@ __all__ = [
     "AnchorDistance",
     "AnchorSpec",
     "BoardPose",
+    "CameraPose",
     "Kind",
     "Level",
     "MarkerPixels",

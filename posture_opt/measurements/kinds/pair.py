@@ -15,8 +15,8 @@ from posture_opt.measurements.kinds.kind import Kind, Seen, Slots, Vector, dot, 
 from posture_opt.measurements.rotations import FRAME_UNKNOWNS, FreeFrame, described_pose, rigid
 from posture_opt.model.arm import Arm
 from posture_opt.model.chain import Walk, factor_values, walk
-from posture_opt.model.fitted_geometry import geometry_behind_first_joint
 from posture_opt.numerics import Array, Json, Mask, stacked_rows
+from posture_opt.robot.corrections import geometry_behind_first_joint
 from posture_opt.robot.robot import Robot
 from posture_opt.spec import Spec
 from posture_opt.units import Length

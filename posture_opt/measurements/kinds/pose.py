@@ -92,6 +92,29 @@ class Pose(Position):
         return (*super().unknown_slope(seen, axis), *_turn_by(self, seen, axis))
 
 
+@dataclass(frozen=True, eq=False)
+class CameraPose(Pose):
+    """``h = (p, R)`` of a camera in the frame of a board: poses of the board in the camera, inverted.
+
+    The camera measures ``t = −Rₘᵀ m``, whose noise an error of the orientation does not touch; inverting would add that
+    error times the distance to m. So the error is that of the board, ``p + R t``, where the camera sees it.
+    """
+
+    def error(self, seen: Seen) -> Slots:
+        """``(p − R Rₘᵀ m, log(R Rₘᵀ))``."""
+        return (*(tool_pose(seen)[1] - self._carried(seen)).T, *super().error(seen)[3:])
+
+    def slope(self, seen: Seen, shift: Vector, turn: Vector) -> Slots:
+        """``v − ω × R Rₘᵀ m`` and ``ω``."""
+        n = len(seen.place)
+        return (*(stacked(shift, n) - np.cross(stacked(turn, n), self._carried(seen))).T, *turn)
+
+    def _carried(self, seen: Seen) -> Array:
+        """(N, 3) ``−R t``: from the board to the camera, as the model turns it [m]."""
+        turned = tool_pose(seen)[0] @ np.swapaxes(self.orientations(seen), -1, -2)
+        return np.asarray(np.einsum("nij,nj->ni", turned, seen.reading[:, :3]))
+
+
 @lru_cache(maxsize=16)
 def _turn_by(kind: Pose, seen: Seen, axis: int) -> Slots:
     assert kind.frame is not None, "a frame of its own"
