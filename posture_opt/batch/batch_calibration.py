@@ -35,7 +35,6 @@ from posture_opt.validation.coverage import REGION_PROBABILITY, share_interval, 
 from posture_opt.validation.spread_check import held_out_predictions
 
 _ROBOTS_FOR_CORRELATIONS = 10  # robots: with fewer, a correlation is hardly determined
-_MAX_NAMED = 4  # parameters in a sentence
 MIN_ROBOTS = 3  # robots: with two, a standard deviation is known to within a factor of thirty
 
 
@@ -195,8 +194,8 @@ def batch_findings(found: Batch) -> Iterator[Statement]:
 
 
 def _first(names: Sequence[str]) -> list[str]:
-    more = len(names) - _MAX_NAMED
-    return [*names[:_MAX_NAMED], f"{more} more"] if more > 1 else [*names]
+    more = len(names) - 4
+    return [*names[:4], f"{more} more"] if more > 1 else [*names]
 
 
 @interruptible()

@@ -25,7 +25,6 @@ from posture_opt.units import parse_quantity
 INSTALL = "pip install 'posture_opt[camera]'"  # What brings OpenCV
 EXAMPLES = "chessboard:8x6:25mm, charuco:5x7:30mm:22mm or grid:8x6:25mm"
 DICTIONARY = "5X5_1000"  # Of ArUco marks, where none is named
-_MAX_BYTES = 200_000_000
 _IMAGE_COLUMN = "image"
 
 
@@ -157,7 +156,7 @@ def _check_names(names: Sequence[str], known: Container[str], joints: Path) -> N
 
 def _picture(image: Path) -> Array:
     try:
-        data = content(image, _MAX_BYTES)
+        data = content(image, 200_000_000)
     except InputError as error:
         raise naming(image, error) from None
     return picture_of(data, image)
