@@ -100,7 +100,7 @@ def _features(found: Solution) -> tuple[Statement, ...]:
         said.append(state("selection.features-mean", sigma=Quantity(found.sigma)))
     if free and typical is not None and 1 - found.sigma / typical.sigma > NO_GAIN:
         gain = Quantity(1 - found.sigma / typical.sigma, "share")
-        said.append(state("selection.gain", gain=gain, typical=Quantity(typical.sigma)))
+        said.append(state("selection.gain", gain=gain, choice="placement", typical=Quantity(typical.sigma)))
     if found.success is not None:
         taught = "-if-taught" if found.spread.taught else ""
         p_success = Quantity(found.success.probability, "probability", found.success.standard_error or None)
@@ -176,6 +176,9 @@ def _help(found: Solution) -> tuple[Statement, ...]:
         said.append(_improvement(found, helpful[0]))
     if little and found.target.kind == "point":
         said.append(state("selection.state-region"))
+    elif not little and not found.points and math.isfinite(gain):
+        choice, typical = ("posture", "placement")[found.target.kind != "point"], Quantity(found.statistics.typical)
+        said.append(state("selection.gain", gain=Quantity(gain, "share"), choice=choice, typical=typical))
     kinds = {type(change) for change in helpful}
     if CalibratedArm in kinds:
         said.append(state("selection.calibration-removes-constant"))
