@@ -234,12 +234,13 @@ def replaced_data(
     keys = [_put(data, parts, plain(changes[name]), issues) for name, parts in words.items()]
     if issues:
         raise InputError(issues)
-    for *parts, last in keys:
+    for key in keys:
         container: Plain = data
-        for part in parts:
+        for part in key[:-1]:
             container = container[part]
+        last: Plain = key[-1]
         if last < len(container) if isinstance(container, list) else last in container:  # it may have been removed
-            container[last] = _with_units(container[last], (*parts, last), data, robot)
+            container[last] = _with_units(container[last], key, data, robot)
     return data, frozenset(key[:2] for key in keys)
 
 
