@@ -20,8 +20,7 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any
 
-KeyPath = tuple[str | int, ...]
-"""Keys and list indices from the root of a file to an entry."""
+KeyPath = tuple[str | int, ...]  # Keys and list indices from the root of a file to an entry
 
 
 @dataclass(frozen=True)
@@ -140,8 +139,8 @@ class PostureOptError(Exception):
     """
 
     exit_code = 1
+    # What the document of this error has besides, where not to have an answer is one.
     answer: Mapping[str, Any] = MappingProxyType({})
-    """What the document of this error has besides, where not to have an answer is one."""
 
     def to_json(self) -> dict[str, Any]:
         """The document of this error: its exit code and its issues."""
@@ -149,10 +148,8 @@ class PostureOptError(Exception):
         return {**self.answer, "error": {"code": self.exit_code, "issues": [issue.to_json() for issue in issues]}}
 
 
-_IDS = {3: "selection.no-solution", 4: "measurements.insufficient"}
-"""Exit code -> id of an error that is one text."""
-MAX_LISTED_ISSUES = 20
-"""A file of another kind is wrong throughout; what is wrong is seen from the first issues."""
+_IDS = {3: "selection.no-solution", 4: "measurements.insufficient"}  # Exit code -> id of an error that is one text
+MAX_LISTED_ISSUES = 20  # A file of another kind is wrong throughout; what is wrong is seen from the first issues
 
 
 class InputError(PostureOptError):

@@ -13,23 +13,14 @@ from contextlib import ContextDecorator, contextmanager, suppress
 from types import FrameType, TracebackType
 from typing import Any
 
+# Signals whose handlers may raise; those that a system lacks are skipped.
 _SIGNAL_NAMES = ("SIGINT", "SIGTERM", "SIGHUP", "SIGALRM", "SIGUSR1", "SIGUSR2")
-"""Signals whose handlers may raise; those that a system lacks are skipped."""
+# Period [s] after which an exception that was swallowed is raised again: unnoticed, yet time to clean up.
 _RAISE_AGAIN_S = 0.05
-"""Period [s] after which an exception that was swallowed is raised again: unnoticed, yet time to clean up."""
 
 
 class interruptible(ContextDecorator):  # noqa: N801 # it reads as what it makes of a function
     """What a signal handler raises within ends the body, whoever swallows it: with statement or decorator.
-
-    CasADi runs Python's signal handlers in IPOPT's callbacks and while it converts arguments, and drops what they
-    raise: a solve that Ctrl-C has stopped then looks like one that failed. Here the exception is raised again and
-    again until it is on its way out, and at the latest at the end of the body. The handlers are those that were there:
-    by default there is one, for Ctrl-C, which raises KeyboardInterrupt. Threads other than the main one get no
-    signals. An inner one leaves everything to the outer one.
-
-    Raises:
-        KeyboardInterrupt: or whatever a handler raises.
 
     Example:
         >>> with interruptible():
@@ -44,7 +35,6 @@ class interruptible(ContextDecorator):  # noqa: N801 # it reads as what it makes
         self._sending = threading.Lock()
 
     def _recreate_cm(self) -> interruptible:
-        """A new one for each call of a decorated function: it holds the state of one body."""
         return interruptible()
 
     def __enter__(self) -> None:
@@ -70,7 +60,6 @@ class interruptible(ContextDecorator):  # noqa: N801 # it reads as what it makes
                 raise self._raised from None  # swallowed, or another error that follows from it
 
     def _handle_signal(self, number: int, frame: FrameType | None) -> None:
-        """In place of the former handlers: calls the former one, and keeps raising what that has raised."""
         if self._raised is not None:
             if not (self._over or self._on_its_way()):
                 raise self._raised
@@ -88,14 +77,12 @@ class interruptible(ContextDecorator):  # noqa: N801 # it reads as what it makes
             raise
 
     def _on_its_way(self) -> bool:
-        """Whether the interrupted code is handling the exception, in a ``finally`` say, and must have time to end."""
         error = sys.exception()
         while error is not None and error is not self._raised:
             error = error.__context__
         return error is not None
 
     def _send_again(self, number: int) -> None:
-        """Sends the signal to the main thread again and again until the body is over; runs in a thread of its own."""
         main = threading.main_thread().ident
         assert main is not None
         while True:
@@ -111,10 +98,7 @@ class interruptible(ContextDecorator):  # noqa: N801 # it reads as what it makes
 
 @contextmanager
 def undisturbed() -> Iterator[None]:
-    """Handlers of signals wait until the block, a short one, has ended; what arrived meanwhile is handled then.
-
-    A mask of the main thread would not do: another thread takes the signal then, and the main one runs its handler.
-    """
+    """Handlers of signals wait until the block, a short one, has ended; what arrived meanwhile is handled then."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -133,5 +117,4 @@ def undisturbed() -> Iterator[None]:
 
 
 def _signal_numbers() -> list[int]:
-    """Numbers of the signals in ``_SIGNAL_NAMES`` that this system has."""
     return [int(getattr(signal, name)) for name in _SIGNAL_NAMES if hasattr(signal, name)]

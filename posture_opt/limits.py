@@ -1,9 +1,4 @@
-"""All limits in one place: how much the commands accept, what one thing more costs, and what to do with too many.
-
-No accepted input takes more than about ten minutes of one core, or 1 GB, on an arm with six joints; a map of 50 000
-targets takes twenty minutes, and goes on where it was ended. Costs were measured on such an arm, where not said
-otherwise.
-"""
+"""All limits in one place: how much the commands accept, what one thing more costs, and what to do with too many."""
 
 from __future__ import annotations
 
@@ -15,13 +10,6 @@ from posture_opt.errors import BadValueError, InputError, Issue, KeyPath
 @dataclass(frozen=True)
 class Budget:
     """The most of one thing that is accepted.
-
-    Args:
-        what: the thing, in the plural.
-        most: the number that is accepted.
-        where: commands, or parts of a file, that have it.
-        cost: what one costs, as measured.
-        hint: what to do with more.
 
     Example:
         >>> Budget("rows", 2, "tables", "1 ms each", "thin them out").check(3)
@@ -45,20 +33,12 @@ class Budget:
         return f"more than the {self.most} {self.what} that are accepted"
 
     def check(self, count: int) -> None:
-        """Refuse more of them, where the key is not known.
-
-        Raises:
-            BadValueError: more than are accepted.
-        """
+        """Refuse more of them, where the key is not known."""
         if count > self.most:
             raise BadValueError(self.message(count), self.hint)
 
     def check_at(self, count: int, key: KeyPath, hint: str = "") -> None:
-        """Refuse more of them, named by ``key``; ``hint`` in place of the usual one.
-
-        Raises:
-            InputError: more than are accepted.
-        """
+        """Refuse more of them, named by ``key``; ``hint`` in place of the usual one."""
         if count > self.most:
             raise InputError(Issue(self.message(count), key, count, hint or self.hint))
 
@@ -95,10 +75,10 @@ MOST_COMPENSATED = Budget("targets", 50_000, "`compensate`", "5 ms, 3 kB", "make
 MOST_PIXELS = Budget("pixels", 25_000_000, "a picture of `detect`", "0.5 µs, up to 200 bytes", "scale it down")
 MOST_BOARD_POINTS = Budget("points", 2_500, "`detect --board`", "less than a picture's pixels", "is it columns x rows?")
 
+# All of them, as the reference lists them.
 LIMITS: tuple[Budget, ...] = (
     MOST_JOINTS, MOST_CAPSULES, MOST_OBSTACLES, MOST_EFFECTS, MOST_FEATURES, MOST_PATH_POINTS, MOST_STARTS,
     MOST_MAP_TARGETS, MOST_SAMPLES, MOST_PROBLEM_FILES, MOST_CELLS, MOST_FITTED, MOST_SEARCHED, MOST_PLACES,
     MOST_ROBOTS, MOST_FOLDS, MOST_PLANNED, MOST_CANDIDATES, MOST_COMPENSATED,
     MOST_PIXELS, MOST_BOARD_POINTS,
 )  # fmt: skip
-"""All of them, as the reference lists them."""

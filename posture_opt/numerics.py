@@ -10,18 +10,14 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-"""Real numbers; the docstring of a function states which shape and unit."""
-Codes = NDArray[np.intp]
-"""Whole numbers that index rows or name groups of them."""
-Mask = NDArray[np.bool_]
-"""True where something holds."""
-TURN = 2 * math.pi
-"""One full turn [rad]."""
+Array = NDArray[np.float64]  # Real numbers; the docstring of a function states which shape and unit
+Codes = NDArray[np.intp]  # Whole numbers that index rows or name groups of them
+Mask = NDArray[np.bool_]  # True where something holds
+TURN = 2 * math.pi  # One full turn [rad]
+# What a JSON document holds: plain values, lists and objects of them.
 Json: TypeAlias = "bool | int | float | str | Sequence[Json] | Mapping[str, Json] | None"
-"""What a JSON document holds: plain values, lists and objects of them."""
+# Receives ``(done, total)``: how many of how many parts of a computation are done.
 Progress = Callable[[int, int], None]
-"""Receives ``(done, total)``: how many of how many parts of a computation are done."""
 
 
 def finite_or_none(value: float) -> float | None:
@@ -44,8 +40,7 @@ def rms_length(vectors: Array) -> float:
     return float(np.sqrt(np.mean(np.sum(np.square(vectors), axis=1))))
 
 
-_CLEAR_RANK = 1e-9
-"""Of the largest eigenvalue of a Gram matrix: above it the rank is full beyond doubt."""
+_CLEAR_RANK = 1e-9  # Of the largest eigenvalue of a Gram matrix: above it the rank is full beyond doubt
 
 
 def factored_columns(A: Array) -> tuple[Array, Array] | None:
@@ -66,11 +61,7 @@ def factored_columns(A: Array) -> tuple[Array, Array] | None:
 
 
 def thin_svd(A: Array) -> tuple[Array, Array, Array]:
-    """``A = U diag(s) Vᵀ`` (m, k): U (m, r), s (r,) and Vᵀ (r, k), r the smaller of both sides.
-
-    The method of numpy, divide and conquer, is fast; where singular values are many and all rounding it may not
-    converge, and LAPACK's older one takes its place.
-    """
+    """``A = U diag(s) Vᵀ`` (m, k): U (m, r), s (r,) and Vᵀ (r, k), r the smaller of both sides."""
     try:
         U, s, V = np.linalg.svd(A, full_matrices=False)
     except np.linalg.LinAlgError:
@@ -112,10 +103,7 @@ def stacked_rows(vector: Sequence[Any], n: int) -> Array:
 
 
 class DerivedAgain:
-    """Pickles and copies as what it was made from: what its cached properties hold is derived again on demand.
-
-    CasADi's symbols cannot be sent to another process: there they would be unrelated to the symbols made there.
-    """
+    """Pickles and copies as what it was made from: what its cached properties hold is derived again on demand."""
 
     def __getstate__(self) -> dict[str, Any]:
         """The attributes without those that a ``cached_property`` has filled."""
@@ -124,5 +112,4 @@ class DerivedAgain:
 
 
 def _is_cached(kind: type[Any], name: str) -> bool:
-    """Whether an attribute of a class is a ``cached_property``."""
     return isinstance(getattr(kind, name, None), cached_property)

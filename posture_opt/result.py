@@ -13,8 +13,8 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from posture_opt import presenter_of
 from posture_opt.numerics import DerivedAgain, Json, Progress
-from posture_opt.registration import registered
 from posture_opt.statements import Statement, by_severity
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ class Summarised(DerivedAgain):
     @cached_property
     def _presenter(self) -> Any:
         """What presents this; the only way from the rooms below to the reports above."""
-        return registered("presenter", self)
+        return presenter_of(self)
 
 
 class Result(Summarised, ABC):

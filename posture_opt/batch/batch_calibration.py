@@ -24,7 +24,7 @@ from posture_opt.calibration.estimation.parameters import Parameter
 from posture_opt.errors import InputError, InsufficientDataError, Issue
 from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements
-from posture_opt.measurements.thinning import thin_each_robot
+from posture_opt.measurements.repeats import thin_each_robot
 from posture_opt.numerics import Array, Codes, Json, Mask, Progress
 from posture_opt.result import Result
 from posture_opt.selection.problem_data import ProblemData
@@ -144,10 +144,6 @@ class Batch(Result):
         return {"thinned": {"rows": self.total, "rows_used": used}} if self.total > used else {}
 
     def _parameter(self, p: Parameter, k: int | None) -> dict[str, Json]:
-        """One parameter of the type: its mean over the robots and the standard error of that mean.
-
-        ``k`` is its place among those that all robots determine; with ``None`` the nominal value is reported.
-        """
         known = k is not None
         mean, std = (float(self.spread.mean[k]), float(self.spread.mean_std[k])) if k is not None else (0.0, None)
         return {
@@ -156,7 +152,6 @@ class Batch(Result):
         }  # fmt: skip
 
     def _robot(self, k: int) -> dict[str, Json]:
-        """The entry of one robot under ``batch.robots``: its rows, errors, deviations from nominal and outliers."""
         found = self.calibrations[k]
         return {
             "robot": self.robots[k],
@@ -168,7 +163,6 @@ class Batch(Result):
 
 
 def _answer(found: Batch) -> Statement:
-    """The strongest significant correlation with its interval, or that there is none."""
     robots, first = len(found.robots), next((pair for pair in found.pairs if pair.significant), None)
     if first is None:
         return state("batch.uncorrelated", robots=robots)
@@ -201,7 +195,6 @@ def batch_findings(found: Batch) -> Iterator[Statement]:
 
 
 def _first(names: Sequence[str]) -> list[str]:
-    """The first of many names."""
     more = len(names) - _MAX_NAMED
     return [*names[:_MAX_NAMED], f"{more} more"] if more > 1 else [*names]
 
@@ -280,7 +273,6 @@ def calibrate_batch(
 
 
 def _thinning_notes(total: int, used: int) -> tuple[str, ...]:
-    """What is said of a file of which not all rows are used."""
     return (f"{used} of {total} rows were fitted, as many of each robot: --rows takes more",) * (used < total)
 
 
@@ -290,12 +282,6 @@ def _kept_errors(calibrations: tuple[Calibration, ...], errors: list[Array]) -> 
 
 
 def _check_batch(problem: ProblemData, data: Measurements) -> None:
-    """Refuses data that cannot say how a type varies.
-
-    Raises:
-        InputError: one robot only.
-        InsufficientDataError: fewer than `MIN_ROBOTS`, or touched points without a known distance.
-    """
     names = data.robot_names
     if len(names) < 2:
         hint = "measure several robots of the type and name them in a column 'robot'"
@@ -321,7 +307,6 @@ def _calibrate_each(
     by: By | None,
     progress: Progress | None,
 ) -> Iterator[Calibration]:
-    """The calibration of every robot by itself, in the order of their names; each step of the progress is one robot."""
     for code, mine in enumerate(rows):
         yield _calibrate_one(problem, data, mine, code, folds, by)
         if progress is not None:
@@ -331,11 +316,6 @@ def _calibrate_each(
 def _calibrate_one(
     problem: ProblemData, data: Measurements, rows: Codes, code: int, folds: int, by: By | None
 ) -> Calibration:
-    """The calibration of one robot; errors name it.
-
-    Raises:
-        InputError, InsufficientDataError: as `calibrate`, with the name of the robot in front.
-    """
     name = data.robot_names[code]
     mine = data.take(rows)
     own = replace(mine, robot=np.zeros(len(rows), dtype=np.intp), robot_names=(name,))
@@ -348,10 +328,8 @@ def _calibrate_one(
 
 
 def _without_geometry(problem: ProblemData) -> ProblemData:
-    """The problem without σ's of geometry, which would pull every robot to the nominal one.
-
-    σ's of frames that are not free stay knowledge, and so does all scatter.
-    """
+    """The problem without σ's of geometry, which would pull every robot to the nominal one."""
+    # σ's of frames that are not free stay knowledge, and so does all scatter
     sources = problem.sources
     frame = np.array([name.rpartition(".")[0] in ("base", "tool") for name in sources.names], dtype=bool)
     constant = np.where(np.outer(frame, frame), sources.constant, 0.0)
@@ -360,11 +338,6 @@ def _without_geometry(problem: ProblemData) -> ProblemData:
 
 
 def _determined_by_all(calibrations: tuple[Calibration, ...]) -> tuple[tuple[Parameter, ...], tuple[str, ...]]:
-    """Geometric parameters that all robots' data determine, and the names of the others.
-
-    Raises:
-        InsufficientDataError: there is none.
-    """
     fixed = np.all([c.fixed & (np.diag(c.covariance) > 0) for c in calibrations], axis=0)
     geometry = [(p, bool(known)) for p, known in zip(calibrations[0].parameters, fixed, strict=True)]
     determined = tuple(p for p, known in geometry if known and p.group == "geometry")
@@ -379,10 +352,6 @@ def _determined_by_all(calibrations: tuple[Calibration, ...]) -> tuple[tuple[Par
 def _batch_coverage(
     problem: ProblemData, calibrations: tuple[Calibration, ...], folds: int
 ) -> dict[str, tuple[float, tuple[float, float]]]:
-    """By model, the share of all rows inside their predicted 95 % regions, with its 95 % interval.
-
-    Rows of one robot are correlated, so the interval is that of as many robots as there are.
-    """
     inside: dict[str, list[Mask]] = {}
     for calibration in calibrations:
         for name, (errors, predicted, _) in held_out_predictions(problem, calibration, folds).items():

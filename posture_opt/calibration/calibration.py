@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from posture_opt import evaluation_of
 from posture_opt.calibration.assumptions.frames import far_frames
 from posture_opt.calibration.calibration_statements import CORRELATION_SHOWN, statements_of
 from posture_opt.calibration.cross_validation import HeldOut
@@ -32,7 +33,6 @@ from posture_opt.calibration.second_file import OtherFile
 from posture_opt.calibration.start_up import StartUp, start_up
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Codes, Json, Mask, finite_or_none
-from posture_opt.registration import registered
 from posture_opt.result import Result
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.statements import Statement
@@ -215,7 +215,7 @@ class Calibration(Result):
     @cached_property
     def evaluation(self) -> Any:
         """What the calibration is held against: the ``Evaluation`` of `posture_opt.validation.evaluation`."""
-        return registered("evaluation", self)
+        return evaluation_of(self)
 
     @cached_property
     def instruments(self) -> dict[str, Instrument]:

@@ -29,6 +29,7 @@ DIMENSIONS = {"m": "length", "rad": "angle", "1": "number"}
 CORRELATION_SHOWN = 0.9
 """Correlation from which on one of two estimates leans on the other."""
 _MAX_LISTED = 3
+_FRAME_UNITS = {"m": (1e3, "mm"), "rad": (math.degrees(1), "deg")}
 _WRONG_DISTANCE, _MAX_DISTANCES = 4.0, 3  # σ's from which on a stated distance is doubted, and how many are listed
 ELSEWHERE = 20  # times the errors at home: no arm drifts that far
 
@@ -165,14 +166,10 @@ def thinned(large: LargeFile | None) -> list[Statement]:
 
 def statements_of(found: Calibration) -> tuple[Statement, ...]:
     """What a calibration has to say by itself, the answer first."""
-    before, after = Quantity(found.nominal.rms), Quantity(found.calibrated.rms)
-    which = "error-reduced" if found.calibrated.rms < found.nominal.rms else "error-not-reduced"
-    what = found.request.data.kind.error_words
     explained = any(isinstance(c.cause, Effect) for c in found.contradictions)  # by the first line
     warnings = () if explained else found.request.data.warnings
     return (
-        state(f"calibration.{which}", what=what, nominal=before, calibrated=after),
-        *instrument(found, found.keeps_nominal),
+        *_answer(found),
         *doubts(found),
         *rows_in_time(found.request.data, found.start_up),
         *data_warnings((*warnings, *found.fit.notes)),
@@ -183,6 +180,33 @@ def statements_of(found: Calibration) -> tuple[Statement, ...]:
         *(state("calibration.undetermined", text=sentence(text)) for text in found.identifiability.words),
         *(state("calibration.note", text=sentence(text)) for text in (*found.request.data.notes, *found.notes)),
     )
+
+
+def _answer(found: Calibration) -> list[Statement]:
+    """What calibration brings, and where the frames are that are all of it."""
+    before, after = Quantity(found.nominal.rms), Quantity(found.calibrated.rms)
+    what = found.request.data.kind.error_words
+    if not any(p.group == "geometry" for p in found.parameters):
+        said = [state("calibration.frames-found", what=what, left=before)]
+    else:
+        which = "error-reduced" if after.value < before.value else "error-not-reduced"
+        said = [state(f"calibration.{which}", what=what, nominal=before, calibrated=after)]
+        said += instrument(found, found.keeps_nominal)
+    return said + _frames(found) * found.keeps_nominal
+
+
+def _frames(found: Calibration) -> list[Statement]:
+    """Where tool and base are, if the data determine their origin: what they determine, with its standard error."""
+    said = []
+    for frame in ("tool", "base"):
+        texts = {
+            p.name.partition(".")[2]: plus_minus(p.nominal + x, std, *_FRAME_UNITS[p.unit])
+            for p, x, std, counts in zip(found.parameters, found.delivered, found.std, found.fixed, strict=True)
+            if counts and p.name.partition(".")[0] == frame
+        }
+        if {*"xyz"} <= {*texts}:
+            said.append(state("calibration.frame-found", frame, at=[f"{name} {text}" for name, text in texts.items()]))
+    return said
 
 
 def _test(found: Calibration) -> list[Statement]:

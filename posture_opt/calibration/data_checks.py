@@ -13,8 +13,7 @@ from posture_opt.calibration.estimation.fit_setup import TOLERANCES, FitSetup, p
 from posture_opt.calibration.estimation.identifiability import identify_parameters
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.errors import InputError, InsufficientDataError, Issue, listed
-from posture_opt.measurements.affine_fit import reach
-from posture_opt.measurements.measurements import Measurements
+from posture_opt.measurements.measurements import Measurements, reach
 from posture_opt.numerics import Array, Codes, Mask, rms_length
 from posture_opt.robot.robot import Robot
 
@@ -61,6 +60,8 @@ def check_size(residuals: Residuals, held: int | None) -> None:
     """Refuses touched points that an arm misses the less the smaller it is, and of which no length can be ``held``."""
     if residuals.data.kind.fixes_size or residuals.distances or held is not None:
         return
+    if not any(p.group == "geometry" for p in residuals.parameters):
+        return
     raise InsufficientDataError(
         f"{residuals.data.kind.noun} alone do not determine the size of this arm, and it has no length that could be "
         f"held: {state_a_distance(residuals.data)}"
@@ -99,7 +100,7 @@ def check_places(residuals: Residuals, x: Array) -> None:
 def check_geometry(residuals: Residuals, known: FitSetup, x: Array) -> None:
     """Refuses data that determine frames alone; ``x`` (k,) is where the free frames are."""
     geometry = np.array([p.group == "geometry" for p in residuals.parameters])
-    if known.identifiability.determined[geometry].any():
+    if not geometry.any() or known.identifiability.determined[geometry].any():
         return
     frames = [p for p in residuals.parameters if p.group != "geometry"]
     J, scale = residuals.residuals_and_jacobian(x)[1][:, ~geometry], prior_tolerances(frames, [])

@@ -11,10 +11,10 @@ from posture_opt.calibration.cross_validation import position_errors
 from posture_opt.calibration.estimation.fit import minimum_of
 from posture_opt.calibration.estimation.identifiability import identify_parameters
 from posture_opt.calibration.estimation.residuals import Residuals
-from posture_opt.measurements.measurements import Measurements
-from posture_opt.measurements.repeats import SAME_POSTURE_RAD
+from posture_opt.files import preset_names
+from posture_opt.measurements.measurements import SAME_POSTURE_RAD, Measurements
 from posture_opt.numerics import Array, Codes, Json, rms_length
-from posture_opt.robot.preset import load_preset, preset_names
+from posture_opt.robot.preset import load_preset
 from posture_opt.robot.robot import Robot
 from posture_opt.statements import Statement, state
 

@@ -15,7 +15,7 @@ from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.errors import InputError, Issue, one_of
 from posture_opt.measurements.measurements import Measurements
-from posture_opt.measurements.thinning import Thinning
+from posture_opt.measurements.repeats import Thinning
 from posture_opt.numerics import Array, Json, Mask
 
 Model = tuple[Residuals, Array]

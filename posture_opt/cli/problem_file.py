@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from posture_opt.cli import deferred
-from posture_opt.cli.asked.named_values import PATH, ROBOT
+from posture_opt.cli.completion import PATH, ROBOT
 from posture_opt.cli.output import write_text
 from posture_opt.files import preset_names
 
@@ -18,7 +18,8 @@ from posture_opt.files import preset_names
 @click.option("--debug", is_flag=True, hidden=True)
 def list_command(as_json: bool, statements: bool, debug: bool) -> None:
     """List tasks, effects, presets, solvers, terms, exports and built-in problems."""
-    click.echo(deferred.statement_listing(as_json) if statements else deferred.listing(as_json))
+    texts = deferred.problem_texts
+    click.echo(texts.statement_listing(as_json) if statements else texts.listing(as_json))
 
 
 @click.command("new")
@@ -34,7 +35,7 @@ def new_command(
     """Print a commented problem file for a preset or a URDF file, which solves as it is."""
     if robot is None:
         raise click.UsageError(f"Name a preset: {', '.join(preset_names())}; or a URDF file.")
-    write_text(out, deferred.starter(robot, base_link, tip_link, out, force))
+    write_text(out, deferred.problem_texts.starter(robot, base_link, tip_link, out, force))
 
 
 @click.command("schema")
@@ -46,4 +47,4 @@ def schema_command(out: Path | None, debug: bool) -> None:
     An editor with a YAML language server checks and completes a problem file that begins with
     '# yaml-language-server: $schema=problem.schema.json'.
     """
-    write_text(out, deferred.schema_text(out))
+    write_text(out, deferred.problem_texts.schema_text(out))

@@ -1,7 +1,4 @@
-"""A progress bar in one line of a terminal, which shows that the program works on until it has answered.
-
-Standard error has the bar, so that reports can be redirected. It appears after two seconds and is removed at the end.
-"""
+"""A progress bar in one line of a terminal, which shows that the program works on until it has answered."""
 
 from __future__ import annotations
 
@@ -17,7 +14,7 @@ from typing import TYPE_CHECKING, TextIO
 
 import click
 
-from posture_opt.cli.asked.options import Common
+from posture_opt.cli.options import Common
 
 if TYPE_CHECKING:
     from posture_opt.numerics import Progress
@@ -32,11 +29,7 @@ _BEGUN = time.monotonic()  # a command line program does one thing: it begins wi
 
 @contextmanager
 def progress_bar(common: Common, what: str) -> Iterator[Progress | None]:
-    """A callback (done, total) that draws a bar on a terminal, after two seconds; None where nobody looks.
-
-    The stages of one command have a bar each, one after the other, and the two seconds count once. Between two calls
-    the time goes on; where there is none, the line shows how long the stage takes already.
-    """
+    """A callback (done, total) that draws a bar on a terminal, after two seconds; None where nobody looks."""
     if common.quiet or common.json or not sys.stderr.isatty():
         yield None
         return
@@ -57,9 +50,6 @@ class ProgressBar:
     The time left is ``spent · (total − done) / done``.
 
     Args:
-        what: is being done, in words.
-        stream: a terminal.
-        clock: seconds that only grow; another one in tests.
         delay: before the first drawing [s].
     """
 
@@ -108,12 +98,10 @@ class ProgressBar:
             self._stream.flush()
 
     def _bar(self) -> str:
-        """The bar and the counts."""
         filled = CELLS * self._done // self._total
         return f"{'█' * filled}{'░' * (CELLS - filled)} {self._done}/{self._total}"
 
     def _draw(self, line: str) -> None:
-        """Write a line over the one before."""
         self._drawing = True
         line = line[: shutil.get_terminal_size().columns - 1]
         self._stream.write("\r" + line.ljust(self._drawn))
@@ -124,10 +112,6 @@ class ProgressBar:
 
 @contextmanager
 def _ticking(tick: Callable[[], None]) -> Iterator[None]:
-    """Calls ``tick`` again and again while the body runs, by a timer of the system.
-
-    A thread would do as well, but for the processes that searches fork: a timer is not handed on to them.
-    """
     if not hasattr(signal, "setitimer") or threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -153,9 +137,4 @@ def print_rate(common: Common, done: int, what: str, seconds: float) -> None:
 
 
 def _minutes(seconds: float) -> str:
-    """Seconds as ``minutes:seconds``.
-
-    >>> _minutes(80.2)
-    '1:20'
-    """
     return f"{round(seconds) // 60}:{round(seconds) % 60:02d}"

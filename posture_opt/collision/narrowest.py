@@ -21,26 +21,16 @@ Distance = Callable[[Array], Array]
 
 @dataclass(frozen=True)
 class Gap:
-    """The narrowest gap at a posture.
+    """The narrowest gap at a posture."""
 
-    Args:
-        distance: [m]; zero or less where the bodies overlap, but not how deep.
-        between: a joint and an obstacle.
-        start, end: (3,) the two points that are so near, of the arm and of the obstacle [m], world.
-    """
-
-    distance: float
-    between: tuple[str, str]
-    start: Array
+    distance: float  # [m]; zero or less where the bodies overlap, but not how deep
+    between: tuple[str, str]  # a joint and an obstacle
+    start: Array  # start, end: (3,) the two points that are so near, of the arm and of the obstacle [m], world
     end: Array
 
 
 def narrowest(scene: Scene, q: Array) -> Gap | None:
-    """The narrowest gap at a posture (n,) to a stated obstacle; None where there is none.
-
-    Of the pairs that are to keep the whole clearance: the shoulder above the table that it stands on is held at what it
-    can have, and would be the narrowest at every posture.
-    """
+    """Narrowest gap at a posture (n,) to a stated obstacle, of pairs that keep the whole clearance, if any."""
     stated = {obstacle.name for obstacle in scene.stated_obstacles}
     counts = [len(scene.own) <= k and other in stated for k, (_, other) in enumerate(scene.pairs)]
     kept = np.array(counts, dtype=bool) & (np.array(scene.required) >= scene.margin)

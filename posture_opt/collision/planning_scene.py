@@ -27,20 +27,14 @@ from posture_opt.numerics import Array
 from posture_opt.robot.urdf_chain import xyz_rpy
 from posture_opt.texts import one_line
 
-_MAX_BYTES = 10_000_000
 _SIZES = {"box": 3, "sphere": 1, "cylinder": 2, "cone": 2, "plane": 4}
 """Shape -> how many numbers it has."""
-_MIN_QUATERNION = 1e-6
 
 
 def scene_obstacles(folder: Path, file: str) -> tuple[Obstacle, ...]:
-    """The objects of a planning scene in the world; a cone is enclosed by a cylinder.
-
-    Raises:
-        InputError: no such file, no planning scene, or meshes in it; with the line, under the key ``scene``.
-    """
+    """Objects of a planning scene, world; a cone is enclosed by a cylinder; InputError has the line."""
     try:
-        text = content(located(folder, file), _MAX_BYTES).decode("utf-8", "replace")
+        text = content(located(folder, file), 10_000_000).decode("utf-8", "replace")  # bytes
         return tuple(_SceneReader(text.splitlines()).obstacles())
     except InputError as error:
         raise InputError(
@@ -68,7 +62,6 @@ class _SceneReader:
             yield from self._object(one_line(line[1:].strip()) or "object")
 
     def _object(self, name: str) -> Iterator[Obstacle]:
-        """The shapes of one object."""
         old = len(self._peek().split()) == 1
         T = np.eye(4) if old else self._pose()
         count = self._count()
@@ -109,7 +102,6 @@ class _SceneReader:
         return Cylinder.model_validate({"kind": "cylinder", "radius": lengths[0], "length": lengths[1], **place})
 
     def _unique(self, name: str) -> str:
-        """The name, numbered where another object has it."""
         fresh, k = name, 2
         while fresh in self.names:
             fresh, k = f"{name} ({k})", k + 1
@@ -120,7 +112,7 @@ class _SceneReader:
         """(4, 4) position [m] and quaternion (x, y, z, w) of the next two lines."""
         x, y, z = self._numbers(3)
         q = np.array(self._numbers(4))
-        if (size := float(np.linalg.norm(q))) < _MIN_QUATERNION:
+        if (size := float(np.linalg.norm(q))) < 1e-6:
             self._fail("a quaternion of length zero is no orientation")
         a, b, c, w = q / size
         T = np.eye(4)
@@ -133,14 +125,12 @@ class _SceneReader:
         return T
 
     def _count(self) -> int:
-        """A number of parts."""
         (value,) = self._numbers(1)
         if value != int(value) or not 0 <= value <= len(self.lines):
             self._fail(f"{value:g} is no number of parts")
         return int(value)
 
     def _numbers(self, count: int) -> list[float]:
-        """The finite numbers of the next line."""
         line = self._line()
         try:
             found = [float(word) for word in line.split()]
@@ -151,17 +141,11 @@ class _SceneReader:
         return found
 
     def _peek(self) -> str:
-        """The line behind the last one, which stays to be read."""
         line = self._line()
         self.at -= 1
         return line
 
     def _line(self) -> str:
-        """The next line that is not empty.
-
-        Raises:
-            InputError: the file has ended.
-        """
         while self.at < len(self.lines):
             self.at += 1
             if line := self.lines[self.at - 1].strip():
@@ -170,9 +154,4 @@ class _SceneReader:
         return ""
 
     def _fail(self, message: str, hint: str = "") -> None:
-        """Refuse the file.
-
-        Raises:
-            InputError: always, with the line.
-        """
         raise InputError(Issue(message, hint=hint, line=self.at))

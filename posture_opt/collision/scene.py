@@ -11,13 +11,13 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from posture_opt.collision.cell import CellSpec
+from posture_opt.collision.cell import MOUNTING_PLANE, CellSpec, Mounting, below_base, carries
 from posture_opt.collision.contacts import Apart, Contacts
-from posture_opt.collision.mounting import MOUNTING_PLANE, Mounting, below_base, carries
-from posture_opt.collision.nearest import Clearance, Nearest
 from posture_opt.collision.obstacles import Obstacle
 from posture_opt.collision.pairs import (
     Checked,
+    Clearance,
+    Nearest,
     Pair,
     apart_pairs,
     checked_against,
@@ -33,23 +33,14 @@ from posture_opt.numerics import Array
 from posture_opt.robot.link_capsules import stand_in, tool_capsule, tool_radius
 from posture_opt.robot.robot import Robot
 from posture_opt.robot.shape import TOOL, Capsule
-from posture_opt.statements import Statement, state
+from posture_opt.statements import Quantity, Statement, state
 
 SELF_CLEARANCE_ROW = "clearance of the arm to itself"
 """Name of the row that keeps links apart."""
 SEPARATION_M = 0.1
 """Distance beyond the margin [m]: pairs that keep so far apart need no row."""
-_POSTURE_COUNT = 4000
-"""Random postures by which pairs are found to keep apart."""
-_BLOCK_PAIRS = 500
-"""Pairs whose distances at all of them are held together: 16 MB."""
-_FREE_END_RADII = 2.0
-"""So many radii (and clearances) of the tool in front of its tool point are not checked: it touches its target there,
-leaning up to 60 deg from a flat surface's normal."""
 _ROW_TOLERANCE_M = 2e-6
 """Taken off each row [m]: more than a solver may leave of a row that counts as met."""
-_SHORT_LINK_M = 0.01
-"""Offset [m] of a link that its neighbours hide: corrections alone are shorter."""
 _SURFACE_M = 1e-4
 """Depth [m] up to which a point is on the surface of a solid, and not inside of it."""
 
@@ -60,63 +51,34 @@ def row_name(obstacle: str) -> str:
 
 
 class ClearanceRow(NamedTuple):
-    """A smooth lower bound of the least distance of one group of pairs.
+    """A smooth lower bound of the least distance of one group of pairs."""
 
-    Args:
-        name: what it keeps apart.
-        bound: scalar expression of the joint values [m].
-    """
-
-    name: str
-    bound: ca.SX
+    name: str  # what it keeps apart
+    bound: ca.SX  # scalar expression of the joint values [m]
 
 
 @dataclass(frozen=True)
 class Scene:
-    """What is checked for collisions.
+    """What is checked for collisions."""
 
-    Args:
-        placed: the capsules of the arm.
-        obstacles: in the world, the mounting plane last.
-        margin: least distance to keep [m].
-        own: pairs of capsules that are checked against each other.
-        against: for each obstacle the capsules that are checked against it.
-        required: (k,) least distance [m] of each pair in the order of `pairs`: the margin, or what it can have; below
-            zero for an assumed tool, by its radius.
-        left_out: names of the pairs that overlap whatever the posture, which are not checked.
-        mounting: the surface that the arm stands on; None where there is none.
-        assumed: whether the shape is not known, and capsules along the links are taken in its place.
-        switched_off: whether the problem file asks for no checks (``cell: none``).
-        stands_anywhere: whether neither shape nor file says what the arm stands on.
-    """
-
-    placed: PlacedCapsules
-    obstacles: tuple[Obstacle, ...]
-    margin: float
-    own: tuple[Pair, ...]
-    against: tuple[tuple[int, ...], ...]
+    placed: PlacedCapsules  # the capsules of the arm
+    obstacles: tuple[Obstacle, ...]  # in the world, the mounting plane last
+    margin: float  # least distance to keep [m]
+    own: tuple[Pair, ...]  # pairs of capsules that are checked against each other
+    against: tuple[tuple[int, ...], ...]  # for each obstacle the capsules that are checked against it
+    # (k,) least distance [m] of each pair in the order of `pairs`: the margin, or what it can have; below zero for an
+    # assumed tool, by its radius
     required: tuple[float, ...] = ()
+    # names of the pairs that overlap whatever the posture, which are not checked
     left_out: tuple[tuple[str, str], ...] = ()
-    mounting: Mounting | None = None
-    assumed: bool = False
-    switched_off: bool = False
-    stands_anywhere: bool = False
+    mounting: Mounting | None = None  # the surface that the arm stands on; None where there is none
+    assumed: bool = False  # whether the shape is not known, and capsules along the links are taken in its place
+    switched_off: bool = False  # whether the problem file asks for no checks (cell: none)
+    stands_anywhere: bool = False  # whether neither shape nor file says what the arm stands on
 
     @classmethod
     def of(cls, robot: Robot, cell: CellSpec | None, *, guessed: bool = False, without_mounting: bool = False) -> Scene:
-        """Links of known shape are checked against each other, all obstacles and the surface that the arm stands on;
-        those of unknown shape against obstacles and a surface that is stated.
-
-        The tool is part of the arm, but for its end near the target, where it has to touch. Nothing is checked where
-        the cell says so.
-
-        Args:
-            robot: with its shape, if it is known.
-            cell: obstacles, mounting and clearance; None for none of them.
-            guessed: for postures without a target, that no one sees before the arm goes there: an arm of unknown shape
-                is checked against itself too, with capsules along its links, and the tool up to its end.
-            without_mounting: whether an assumed mounting plane is dropped.
-        """
+        """Scene of a robot and its cell; ``guessed`` shapes and the tool's end count for postures without a target."""
         asked = CellSpec() if cell is None else cell
         if not asked.checked:
             return cls(PlacedCapsules(robot, ()), (), asked.clearance, (), (), switched_off=True)
@@ -127,7 +89,8 @@ class Scene:
         obstacles = (*asked.obstacles, *((mounting.plane(robot),) if mounting is not None and standing else ()))
         stand_ins = _stand_ins(robot) if obstacles or guessed else ()
         assumed = bool(stand_ins)
-        free_end = 0.0 if guessed else _FREE_END_RADII * (tool_radius(robot) + asked.clearance)
+        # radii of the tool in front of its point touch the target, leaning up to 60 deg from its normal
+        free_end = 0.0 if guessed else 2.0 * (tool_radius(robot) + asked.clearance)
         capsules = stand_ins + robot.shape
         stated = len(capsules)
         capsules += tool_capsule(robot, free_end) if capsules else ()
@@ -213,18 +176,16 @@ class Scene:
         if not self.placed.capsules:
             return self.robot.joint_names
         shaped = {capsule.joint for capsule in self.placed.capsules}
+        # neighbours hide shorter links
         empty = [
             joint.name
             for joint, link in zip(self.robot.joints, self.robot.links, strict=True)
-            if joint.name not in shaped and any(f.kind == "translate" and abs(f.nominal) > _SHORT_LINK_M for f in link)
+            if joint.name not in shaped and any(f.kind == "translate" and abs(f.nominal) > 0.01 for f in link)
         ]
         return self.robot.unshaped or (() if self.assumed else tuple(empty))
 
     def distances(self, Q: Array) -> Array:
-        """(N, k) exact distance of every pair at the postures Q (N, n) [m].
-
-        Zero or less where they overlap, but not how deep.
-        """
+        """(N, k) exact distance of every pair at Q (N, n) [m]; zero or less where they overlap."""
         start, end = self.placed.segments(np.atleast_2d(Q))
         parts = [own_distances(self.placed, start, end, self.own)] if self.own else []
         parts += [
@@ -239,10 +200,7 @@ class Scene:
         return np.asarray(np.min(self.distances(Q), axis=1, initial=np.inf)) if self.active else np.full(len(Q), np.inf)
 
     def slack(self, Q: Array) -> Array:
-        """(N,) by how much the nearest pair exceeds what it is to keep, at each of the postures Q (N, n) [m].
-
-        Infinite where nothing is checked.
-        """
+        """(N,) by how much the nearest pair exceeds its required distance at Q (N, n) [m]; infinite without pairs."""
         if not self.active:
             return np.full(len(Q), np.inf)
         return np.asarray(np.min(self.distances(Q) - np.array(self.required), axis=1))
@@ -284,21 +242,14 @@ class Scene:
         return Clearance(nearest(range(len(self.own), len(self.pairs))), nearest(range(len(self.own))))
 
     def solids_at(self, point: Array) -> set[str]:
-        """The names of the obstacles that a point (3,) [m] is inside of, world; the mounting plane among them.
-
-        That plane counts also where it was assumed and dropped, so that the arm reaches below it.
-        """
+        """Names of the solids that hold a point (3,) [m], world, a dropped mounting plane included."""
         p = np.asarray(point, dtype=float)[None, None]
         dropped = self.mounting is not None and self.mounting.dropped
         solids = (*self.obstacles, *([self.mounting.plane(self.robot)] if self.mounting and dropped else []))
         return {o.name for o in solids if float(o.smaller(_SURFACE_M).distance(p, p)[0, 0]) <= 0}
 
     def pierced(self, Q: Array) -> tuple[str, ...]:
-        """The obstacles that the end of the tool passes through at Q (N, n), its point not being inside of them.
-
-        That end belongs to no capsule, as the tool has to touch with it: a hole is entered, but nothing in front of it.
-        None of a tool whose shape is stated, which is checked as it is.
-        """
+        """Obstacles pierced by the end of a tool without stated shape at Q (N, n), which belongs to no capsule."""
         if any(capsule.joint == TOOL for capsule in self.robot.shape):
             return ()
         tools = [k for k, capsule in enumerate(self.placed.capsules) if capsule.joint == TOOL]
@@ -317,14 +268,7 @@ class Scene:
         return tuple(found)
 
     def closest(self, row: str, q: Array) -> tuple[tuple[str, str], float, float]:
-        """Of the pairs that a row of `rows` is of, by its name, the one that lacks most of what it is to keep.
-
-        Args:
-            q: (n,) posture [rad or m].
-
-        Returns:
-            its names, its distance there and the distance that it is to keep [m].
-        """
+        """Names, distance and required distance [m] of a row's pair that lacks most at q (n,)."""
         mine = [
             k < len(self.own) if row == SELF_CLEARANCE_ROW else row_name(p[1]) == row for k, p in enumerate(self.pairs)
         ]
@@ -333,18 +277,8 @@ class Scene:
         return self.pairs[k], float(distances[k]), self.required[k]
 
     def rows(self, q: ca.SX, obstacles: Sequence[Obstacle] | None = None) -> list[ClearanceRow]:
-        """A lower bound of the least distance [m] to each obstacle, and of the arm to itself, at joint values ``q``
-        (n,).
-
-        Each is to be at least ``margin``. Where it is below that it is at most `smooth_bounds.BOUND_SLACK_M` below the
-        true distance, and half of `smooth_bounds.SOFT_MINIMUM_WIDTH_M` for each doubling of pairs that are equally
-        near. Pairs that thousands of random postures leave farther apart than the margin and `SEPARATION_M` have no
-        part in it, and it never exceeds that.
-
-        Args:
-            q: (n,) joint values.
-            obstacles: in place of those of the scene: the same ones, smaller or moved by symbols.
-        """
+        """Soft minima of lower bounds [m] for each obstacle and the arm itself at ``q`` (n,), each to be at least
+        ``margin``."""
         placed, near = self.placed.symbols(q), self._near_pairs
         lowered = dict(zip(self._keys, (self.margin - np.array(self.required)).tolist(), strict=True))
         found = []
@@ -395,17 +329,13 @@ class Scene:
 
     @cached_property
     def _near_pairs(self) -> dict[tuple[int, int | str], bool]:
-        """Which pairs random postures bring nearer than `SEPARATION_M`; of those that are held nearer than the margin,
-        which they bring nearer than that.
-        """
-        blocks = np.array_split(random_postures(self.placed, _POSTURE_COUNT), 1 + len(self.pairs) // _BLOCK_PAIRS)
+        blocks = np.array_split(random_postures(self.placed, 4000), 1 + len(self.pairs) // 500)  # 16 MB
         least = np.min([self.distances(Q).min(axis=0) for Q in blocks], axis=0)
         required = np.array(self.required)
         far = np.where(required < self.margin, required, self.margin + SEPARATION_M)
         return dict(zip(self._keys, (least < far).tolist(), strict=True))
 
     def _own_bounds(self, q: ca.SX, pairs: Sequence[Pair]) -> list[ca.SX]:
-        """For every pair, seen from the frame of the first one: only joints between them take part."""
         frames, capsules = self.placed.frames, self.placed.capsules
         seen = {frame: self.placed.symbols(q, frame) for frame in {frames[i] for i, _ in pairs}}
         bounds = []
@@ -417,7 +347,6 @@ class Scene:
 
 
 def _stand_ins(robot: Robot) -> tuple[Capsule, ...]:
-    """Capsules along the links whose shape is not known; none where all is known or was replaced on purpose."""
     shaped = {capsule.joint for capsule in robot.shape} & set(robot.joint_names)
     if not shaped:
         return stand_in(robot)
@@ -432,9 +361,64 @@ def _names_of_left_out(
     exposed: Sequence[Sequence[int]],
     others: Sequence[Checked],
 ) -> tuple[tuple[str, str], ...]:
-    """The two names of each pair that is left out, of the arm itself first; each once."""
     joints = [capsule.joint for capsule in placed.capsules]
     names = [(joints[i], joints[j]) for i, j in (pairs[k] for k in own.left_out)]
     for obstacle, chosen, other in zip(obstacles, exposed, others, strict=True):
         names += [(joints[chosen[k]], obstacle.name) for k in other.left_out]
     return tuple(dict.fromkeys(names))
+
+
+def scene_statements(scene: Scene, Q: Array) -> tuple[Statement, ...]:
+    """What is checked at the postures Q (N, n) [rad or m], with which shapes, and what to know before driving there."""
+    if scene.switched_off:
+        return (state("collision.switched-off"),)
+    if not scene.active:
+        return scene.statements(Q)
+    return (
+        *scene.statements(Q), _checked(scene),
+        *([] if scene.stated_obstacles else [state("collision.no-obstacles")]),
+        *_shapes(scene), *_tool(scene), *_pairs(scene), *_near(scene, Q),
+    )  # fmt: skip
+
+
+def _checked(scene: Scene) -> Statement:
+    itself = ["itself"] if scene.own or not scene.obstacles else []
+    bodies = (*(obstacle.name for obstacle in scene.obstacles), *itself)
+    if not scene.margin:
+        return state("collision.checked", bodies=bodies)
+    return state("collision.checked-with-margin", bodies=bodies, margin=Quantity(scene.margin, "stated length"))
+
+
+def _shapes(scene: Scene) -> list[Statement]:
+    if scene.assumed:
+        radius = Quantity(float(scene.placed.radii[0]))
+        return [state("collision.shape-assumed", radius=radius, links=scene.robot.unshaped or ("its links",))]
+    return [state("collision.links-unchecked", links=scene.unchecked)] if scene.unchecked else []
+
+
+def _tool(scene: Scene) -> list[Statement]:
+    tools = [capsule for capsule in scene.placed.capsules if capsule.joint == TOOL]
+    if any(capsule.joint == TOOL for capsule in scene.robot.shape) or not tools:
+        return []
+    name = "assumed" if scene.robot.tool_radius is None else "stated"
+    free = Quantity(math.dist(tools[0].end, (0.0, 0.0, 0.0)), "stated length")
+    return [state(f"collision.tool-{name}", radius=Quantity(tools[0].radius, "stated length"), free=free)]
+
+
+def _pairs(scene: Scene) -> list[Statement]:
+    said = []
+    if scene.left_out:
+        said.append(state("collision.pairs-left-out", pairs=tuple(f"{a} with {b}" for a, b in scene.left_out)))
+    least: dict[tuple[str, str], float] = {}
+    for names, distance in scene.held:
+        least[names] = min(distance, least.get(names, distance))
+    if least:
+        pairs = tuple(f"{a} with {b} {Quantity(away, 'stated length')}" for (a, b), away in least.items())
+        said.append(state("collision.pairs-closer", pairs=pairs, margin=Quantity(scene.margin, "stated length")))
+    return said
+
+
+def _near(scene: Scene, Q: Array) -> list[Statement]:
+    clearance = scene.clearance(Q)
+    near = scene.margin == 0 and clearance is not None and clearance.distance < 5e-3
+    return [state("collision.very-near")] if near else []

@@ -2,32 +2,80 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 
-from posture_opt.compensation.arrival_sides import Arrivals, arrivals_of, sided_joints
 from posture_opt.compensation.compensation import Compensation, joint_column
-from posture_opt.compensation.expected_miss import expected_miss
+from posture_opt.compensation.expected_miss import Arrivals, arrivals_of, expected_miss, sided_joints
 from posture_opt.compensation.nearest_postures import NearestPostures, Poses
-from posture_opt.compensation.refusal import refusal_text
-from posture_opt.compensation.requirements import Requirements
 from posture_opt.compensation.starting_postures import starting_postures
 from posture_opt.compensation.targets import Targets, read_targets
+from posture_opt.compensation.task_postures import Requirements
 from posture_opt.errors import NoSolutionError
 from posture_opt.interrupts import interruptible
 from posture_opt.measurements.table import TableLike
 from posture_opt.model.arm import Arm
+from posture_opt.model.reach_bound import stretched
 from posture_opt.numerics import Array, Mask
 from posture_opt.robot.robot import Robot
-from posture_opt.selection.answer.held_joints import with_held_joints
 from posture_opt.selection.problem_data import ProblemData
+from posture_opt.selection.program.optimisation_problem import with_held_joints
 from posture_opt.uncertainty.spread.joint_digits import JointDigits, joint_digits
 from posture_opt.units import number
 
-_MAX_ROUNDS = 40  # of effects and chain in turn; effects of a thousandth of a joint's motion converge in five
-_FREE_SIDE_ROUNDS = 12  # rounds after which a joint's side stays what it is: one that hardly moves may not converge
-_JOINT_TOLERANCE = 1e-10  # rad or m
+_MAX_LISTED_LINES = 20  # lines named in an error
+
+
+def refusal_text(found: Compensation) -> str:
+    """The message of an error: a line for each target that is refused with its reason, and a hint for all of them."""
+    bad = np.flatnonzero(~found.reached)
+    places = [
+        f"{found.targets.file}:{found.targets.line[k]}: {found.reasons.get(int(k)) or unreached_reason(found, int(k))}"
+        for k in bad[:_MAX_LISTED_LINES]
+    ]
+    more = [f"and {len(bad) - _MAX_LISTED_LINES} more"] if len(bad) > _MAX_LISTED_LINES else []
+    head = f"{len(bad)} of {len(found)} targets cannot be reached"
+    return "\n".join([head, *places, *more, *_common_hint(found), *_other_posture_hint(found)])
+
+
+def unreached_reason(found: Compensation, k: int) -> str:
+    """Why target k is not reached: distance or angle that is left, and the joints at their limits."""
+    robot = found.problem.robot
+    held = [
+        f"{joint.name} at its {'upper' if value > (joint.lower + joint.upper) / 2 else 'lower'} limit"
+        for joint, value in zip(robot.joints, found.q[k], strict=True)
+        if min(value - joint.lower, joint.upper - value) < max(1e-9, found.digits.turn)
+    ]
+    because = f" ({', '.join(held)})" if held else ""
+    off, turned = found.after.off[k], found.after.turned[k]
+    if off > 10 * found.digits.turn * robot.length + 1e-6:
+        return f"the tool point stays {number(1e3 * off)} mm away{because}"
+    return f"the tool comes there only turned by {number(math.degrees(turned))} deg{because}"
+
+
+def _other_posture_hint(found: Compensation) -> tuple[str, ...]:
+    targets = found.targets
+    if targets.near is None or targets.position is None or not found.reasons:
+        return ()
+    return (
+        "postures stay near the joint values of the file: without these columns others are found, if there are any",
+    )
+
+
+def _common_hint(found: Compensation) -> tuple[str, ...]:
+    first, longest = stretched(found.problem.robot)
+    away = np.linalg.norm(found.wanted.position - first, axis=1)
+    if not (away > longest).all():
+        return ()
+    if float(away.min()) > 3.0 * longest:
+        return (f"the arm stretches to {longest * 1e3:.0f} mm: is the unit of x, y, z right?",)
+    origin = ", ".join(f"{1e3 * float(x):.0f}" for x in first)
+    return (
+        f"the arm stretches to {longest * 1e3:.0f} mm from its first joint, at ({origin}) mm in the world frame of the "
+        'problem file: if the targets are in the frame of the robot, add --base "0, 0, 0"',
+    )
 
 
 @interruptible()
@@ -70,11 +118,6 @@ def compensate(problem: ProblemData, targets: TableLike | Targets) -> Compensati
 
 
 def _compensated(problem: ProblemData, rows: Targets) -> Compensation:
-    """The compensation of targets in the cell of a problem, its mounting plane included.
-
-    Raises:
-        NoSolutionError: targets that are refused.
-    """
     wanted, arm = _wanted_poses(problem, rows), _planned_arm(problem)
     solver = NearestPostures(arm.robot)
     start = starting_postures(problem, solver, rows, wanted)
@@ -98,7 +141,6 @@ def _compensated(problem: ProblemData, rows: Targets) -> Compensation:
 
 
 def _planned_arm(problem: ProblemData) -> Arm:
-    """The arm, with the joints held that its task holds."""
     return problem.arm if problem.task is None else with_held_joints(problem.arm, problem.task)
 
 
@@ -114,35 +156,28 @@ def _wanted_poses(problem: ProblemData, rows: Targets) -> Poses:
 def _settled_postures(
     arm: Arm, solver: NearestPostures, rows: Targets, wanted: Poses, near: Array
 ) -> tuple[Array, Arrivals, Mask]:
-    """Postures (N, n) [rad or m], the arrivals that they were solved for, and whether they reach their poses (N,).
-
-    What effects add at the present postures is subtracted from the targets, the chain is solved for these, and again,
-    up to `_MAX_ROUNDS` times: the side from which a joint arrives depends on the postures found. The fixed point
-    contracts by the slope of the effects, a thousandth or so.
-    """
+    """Postures (N, n) [rad or m] from effects subtracted and the chain solved in turn, their arrivals, and which
+    arrive."""
     if not arm.effects:
         q = solver.solve(wanted, near)
         return q, arrivals_of(arm, rows, q), solver.reached(q, wanted)
     q, came, aimed = near, arrivals_of(arm, rows, near), wanted
-    for round_ in range(_MAX_ROUNDS):
+    for round_ in range(40):  # effects of a thousandth of a joint's motion converge in five
         aimed = _without_effects(arm.under(came.inputs(arm, rows)), wanted, q)
         moved = solver.solve(aimed, near, q)
         there = solver.reached(moved, aimed)  # the others would not converge
         change, q = float(np.abs(moved - q)[there].max(initial=0.0)), moved
         fresh = arrivals_of(arm, rows, q)
-        if round_ >= _FREE_SIDE_ROUNDS:
+        if round_ >= 12:  # a side that hardly moves may not converge
             fresh = Arrivals(came.side, fresh.way)
-        if change < _JOINT_TOLERANCE and (fresh.side == came.side).all():
+        if change < 1e-10 and (fresh.side == came.side).all():  # rad or m
             break
         came = fresh
     return q, came, solver.reached(q, aimed)
 
 
 def _without_effects(arm: Arm, wanted: Poses, q: Array) -> Poses:
-    """The poses that the chain has to reach so that the arm with its effects comes to the wanted ones.
-
-    ``p_chain = p_wanted − (p_arm − p_bare)`` and ``R_chain = (R_arm R_bareᵀ)ᵀ R_wanted``, all at the postures q (N, n).
-    """
+    """``p_chain = p_wanted − (p_arm − p_bare)``, ``R_chain = (R_arm R_bareᵀ)ᵀ R_wanted`` at postures q (N, n)."""
     T, bare = np.asarray(arm.pose(q), dtype=float), np.asarray(Arm(arm.robot).pose(q), dtype=float)
     position = wanted.position - (T[:, :3, 3] - bare[:, :3, 3])
     back = (T[:, :3, :3] @ bare[:, :3, :3].transpose(0, 2, 1)).transpose(0, 2, 1)

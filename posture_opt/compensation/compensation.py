@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -9,23 +10,92 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from posture_opt.collision.nearest import Clearance
-from posture_opt.compensation.compensation_statements import JUMP_RAD, cautions, compensation_statements
-from posture_opt.compensation.configuration_choice import changes_of
-from posture_opt.compensation.expected_miss import ExpectedMiss
+from posture_opt.collision.pairs import Clearance
+from posture_opt.collision.scene import scene_statements
+from posture_opt.compensation.expected_miss import ExpectedMiss, sided_joints
 from posture_opt.compensation.nearest_postures import Poses
+from posture_opt.compensation.starting_postures import changes_of
 from posture_opt.compensation.targets import Targets
-from posture_opt.csv_text import csv_line
 from posture_opt.numerics import Array, Json, Mask, rms
 from posture_opt.result import Result
 from posture_opt.robot.robot import Joint
-from posture_opt.selection.answer.configurations import configurations
+from posture_opt.selection.answer.other_postures import configurations
+from posture_opt.selection.answer.solution_statements import beyond_measured, free_frames
 from posture_opt.selection.problem_data import ProblemData
-from posture_opt.statements import Statement
+from posture_opt.statements import Quantity, Statement, state
+from posture_opt.statements.notation import listed_lines
+from posture_opt.texts import csv_line
 from posture_opt.uncertainty.spread.joint_digits import JointDigits
 from posture_opt.units import fixed
 
-_LENGTH_DECIMALS = 5  # of a mm: off and left to 10 nm
+JUMP_RAD = math.radians(60.0)  # of a joint from one row to the next: more is worth a look before the program runs
+_LARGE_CHANGE_RAD = math.radians(5.0)  # of a joint by compensation: as near a singular posture
+_LENGTH_ROUNDING_M = 1e-9
+
+
+def compensation_statements(found: Compensation) -> tuple[Statement, ...]:
+    """All of them, the answer first."""
+    off, left = rms(found.off), rms(found.left)
+    first = state("compensation.nothing-known", left=Quantity(left))
+    if off >= _LENGTH_ROUNDING_M:
+        first = state("compensation.compensated", targets=len(found), left=Quantity(left), off=Quantity(off))
+    uncertain = off >= _LENGTH_ROUNDING_M and left > 0.8 * off  # as much left is no gain
+    return (
+        first,
+        *scene_statements(found.problem.scene, found.q),
+        *beyond_measured(found.problem.arm, found.q),
+        *([state("compensation.uncertain")] if uncertain else []),
+        *_large_change(found),
+        *found.cautions,
+        *free_frames(found.problem.robot),
+        state("compensation.columns"),
+        state("compensation.joint-convention"),
+    )
+
+
+def cautions(found: Compensation) -> tuple[Statement, ...]:
+    """Rows between which the arm changes its configuration, and sides of arrival that are uncertain or contradicted."""
+    return (*_jumps(found), *_uncertain_sides(found), *_other_sides(found))
+
+
+def _large_change(found: Compensation) -> list[Statement]:
+    turns = np.array([joint.type == "revolute" for joint in found.problem.robot.joints])
+    change = np.where(turns, np.abs(found.q - found.near), 0.0)
+    row, joint = np.unravel_index(int(np.argmax(change)), change.shape)
+    if found.targets.near is None or change[row, joint] < _LARGE_CHANGE_RAD:
+        return []
+    name, angle = found.problem.robot.joint_names[joint], Quantity(float(change[row, joint]), "joint angle")
+    return [state("compensation.large-change", name, line=int(found.targets.line[row]), change=angle)]
+
+
+def _jumps(found: Compensation) -> list[Statement]:
+    if found.targets.near is not None:
+        return []
+    return [
+        state(
+            "compensation.configuration-change",
+            one.joint,
+            moved=Quantity(one.moved, "joint angle"),
+            first=one.first,
+            last=one.last,
+        )
+        for one in found.changes
+    ]
+
+
+def _uncertain_sides(found: Compensation) -> list[Statement]:
+    joints = tuple(found.problem.robot.joint_names[j] for j in np.flatnonzero(found.unsettled.any(axis=0)))
+    lines = listed_lines(found.targets.line[found.unsettled.any(axis=1)].tolist())
+    return [state("compensation.side-uncertain", joints[0], joints=joints, lines=lines)] if joints else []
+
+
+def _other_sides(found: Compensation) -> list[Statement]:
+    moved, stated = np.sign(np.diff(found.q, axis=0)), found.targets.side[1:]
+    other = np.any(sided_joints(found.problem.arm) & (stated != 0) & (moved != stated), axis=1)
+    lines = found.targets.line[1:][other].tolist()
+    return [state("compensation.side-contradicted", lines=listed_lines(lines))] if lines else []
+
+
 Origin = Literal["given", "given as targets", "first row", "task"]
 """Where the joint values of targets come from."""
 
@@ -71,7 +141,6 @@ class Compensation(Result):
     unsettled: Mask
 
     def __len__(self) -> int:
-        """The number of targets."""
         return len(self.q)
 
     @property
@@ -126,21 +195,19 @@ class Compensation(Result):
             values = zip(self.headers, self.q[k], strict=True)
             joints = [self._written(self.digits.text(j, v, f)) for (j, _, f), v in values]
             texts = [joints[at[i]] if i in at else cell for i, cell in enumerate(cells)]
-            off, left = (self._written(fixed(1e3 * float(v[k]), _LENGTH_DECIMALS)) for v in (self.off, self.left))
+            # off and left to 10 nm
+            off, left = (self._written(fixed(1e3 * float(v[k]), 5)) for v in (self.off, self.left))
             rows.append([*([] if self._joints_given else joints), *texts, off, left])
         return "".join(csv_line(row, self.targets.separator) + "\n" for row in rows)
 
     def _written(self, number: str) -> str:
-        """A number with the decimal mark of the targets."""
         return number.replace(".", self.targets.decimal)
 
     @property
     def _joints_given(self) -> bool:
-        """Whether the targets state joint values."""
         return self.targets.near is not None
 
     def _column_header(self, k: int) -> str:
-        """The header of column k of the targets as it was given."""
         return self.targets.headers[k].strip()
 
     def fields_json(self) -> dict[str, Json]:

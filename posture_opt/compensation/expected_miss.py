@@ -1,4 +1,4 @@
-"""Where an arm is expected to come at commands, and how far that is from its targets on the average."""
+"""How joints arrive at commands, and how far the tool is then expected to be from its targets."""
 
 from __future__ import annotations
 
@@ -7,43 +7,75 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from posture_opt.compensation.arrival_sides import Arrivals
 from posture_opt.compensation.nearest_postures import Poses, pose_misses
 from posture_opt.compensation.targets import Targets
 from posture_opt.model.arm import Arm
-from posture_opt.numerics import Array
+from posture_opt.model.arm_state import REFERENCE_TEMPERATURE, Inputs
+from posture_opt.numerics import Array, Mask
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
 from posture_opt.uncertainty.sources.sources import Sources
+
+_MOVE_TOLERANCE = 1e-12  # rad or m: a smaller step is rounding
+_LONG_MOVE = 1e6  # rad or m: the move to the first row, of which nothing is known but that it was long
+
+
+@dataclass(frozen=True, eq=False)
+class Arrivals:
+    """How the joints arrive at N rows."""
+
+    # (N, n) direction of the last move of each joint: +1 when its value grew, −1 when it fell, 0 where unknown
+    side: Array
+    way: Array  # (N, n) length of that move [rad or m]
+
+    @property
+    def known(self) -> Mask:
+        """(N, n) whether the side is known."""
+        return np.asarray(self.side != 0)
+
+    def inputs(self, arm: Arm, rows: Targets, stated: Sequence[str] = ()) -> Inputs:
+        """Inputs of effects in every row, its own columns first; sides not ``stated`` are sources of error."""
+        given, n = arm.inputs, len(rows)
+        warmth = None if rows.temperature is None else rows.temperature - REFERENCE_TEMPERATURE
+        return Inputs(
+            payload=np.full(n, given.payload) if rows.payload is None else rows.payload,
+            approach=list(self.side.T),
+            approach_length=list(self.way.T),
+            temperature=np.full(n, given.temperature) if warmth is None else warmth,
+            time=np.full(n, given.time) if rows.time is None else rows.time,
+            stated=tuple(stated),
+        )
+
+
+def arrivals_of(arm: Arm, rows: Targets, q: Array) -> Arrivals:
+    """``side_k = sign(q_k − q_{k−1})`` of commands (N, n) or the last move before; the first comes from far."""
+    step = np.diff(q, axis=0, prepend=q[:1])
+    last = np.where(np.abs(step) > _MOVE_TOLERANCE, np.arange(len(q))[:, None], 0)
+    move = np.take_along_axis(step, np.maximum.accumulate(last, axis=0), axis=0)
+    task = [arm.inputs.side(j) if joint.name in arm.inputs.stated else 0.0 for j, joint in enumerate(arm.robot.joints)]
+    side = np.where(move != 0, np.sign(move), np.array(task, dtype=float))
+    return Arrivals(np.where(rows.side != 0, rows.side, side), np.where(move != 0, np.abs(move), _LONG_MOVE))
+
+
+def sided_joints(arm: Arm) -> Mask:
+    """Joints (n,) that have an effect which depends on the side of arrival."""
+    asked = {effect.target for effect in arm.effects if "approach" in effect.needs}
+    return np.array([joint.name in asked for joint in arm.robot.joints])
 
 
 @dataclass(frozen=True, eq=False)
 class ExpectedMiss:
-    """Of N commands against their targets.
+    """Of N commands against their targets."""
 
-    Args:
-        off: (N,) distance of the expected tool point [m]; turned: (N,) angle of the expected orientation [rad].
-        rms: (N,) root mean square distance of the tool point, uncertainty and scatter included [m]; rms_turned: (N,)
-            of the angle [rad].
-    """
-
-    off: Array
+    off: Array  # (N,) distance of the expected tool point [m]; turned: (N,) angle of the expected orientation [rad]
     turned: Array
+    # (N,) root mean square distance of the tool point, uncertainty and scatter included [m]; rms_turned: (N,) of the
+    # angle [rad]
     rms: Array
     rms_turned: Array
 
 
 def expected_miss(arm: Arm, sources: Sources, rows: Targets, wanted: Poses, q: Array, came: Arrivals) -> ExpectedMiss:
-    """The expected miss of commands: ``rms² = |E f(q) − x|² + tr Cov f(q)``.
-
-    f is the arm with corrections and effects under the inputs of each row, x the wanted point. The covariance is that
-    of everything uncertain: geometry, effects, scatter, and the sides that are unknown. Rows with the same known sides
-    are evaluated together.
-
-    Args:
-        arm: with its effects; sources: the errors of its parameters.
-        rows: for their columns; wanted: (N,) poses, world.
-        q: (N, n) commands [rad or m]; came: how the joints arrive at them.
-    """
+    """``rms² = |E f(q) − x|² + tr Cov f(q)`` at commands q (N, n) [rad or m], f with effects and errors."""
     q = np.asarray(q, dtype=float)
     inputs = came.inputs(arm, rows)
     left = pose_misses(np.asarray(arm.under(inputs).pose(q), dtype=float), wanted)
@@ -63,12 +95,7 @@ def expected_miss(arm: Arm, sources: Sources, rows: Targets, wanted: Poses, q: A
 
 
 def _mean_square_spread(tool_point: ToolPoint, q: Sequence[Array], left: Array) -> tuple[Array, Array]:
-    """What uncertainty adds (N,) to the mean square of the distance [m²] and of the angle [rad²].
-
-    Args:
-        q: (n,) of joint values (N,); left: (N, 3) target minus nominal tool point [m], which the bias of the mean
-            changes.
-    """
+    """(N,) mean squares that uncertainty adds [m²], [rad²]; ``left`` (N, 3) target minus nominal tool point [m]."""
     moments = tool_point.moments(q)
     count = len(left)
     bias = np.broadcast_to(np.asarray(moments.mean - moments.position, dtype=float), (count, 3))

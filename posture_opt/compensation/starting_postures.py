@@ -3,66 +3,92 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 
-from posture_opt.compensation.configuration_choice import in_fewest_configurations
 from posture_opt.compensation.nearest_postures import NearestPostures, Poses
 from posture_opt.compensation.targets import Targets
 from posture_opt.compensation.task_postures import Found, TaskPostures
 from posture_opt.errors import InputError, NoSolutionError
 from posture_opt.model.arm import Arm
 from posture_opt.numerics import Array
-from posture_opt.robot.joint_ranges import drawn_between
+from posture_opt.robot.posture import drawn_between
 from posture_opt.robot.robot import Robot
+from posture_opt.selection.answer.other_postures import configurations
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.problem_data import ProblemData
-from posture_opt.selection.program.pose_request import PoseRequest
 from posture_opt.selection.program.task_target import spin_axis
-from posture_opt.selection.search.inverse_kinematics import InverseKinematics
+from posture_opt.selection.search.inverse_kinematics import InverseKinematics, PoseRequest
 from posture_opt.selection.select_posture import select_posture
 from posture_opt.selection.tasks import Task
 from posture_opt.statements import Statement, state
 
+Branches = dict[tuple[str, ...], Array]
+"""Name of a configuration -> a posture (n,) in it."""
+
+
+def changes_of(robot: Robot, Q: Array) -> list[int]:
+    """The rows k of postures (N, n) that the arm leaves for row k + 1 in another configuration."""
+    return [k for k, (a, b) in enumerate(pairwise(configurations(robot, Q))) if a != b]
+
+
+def in_fewest_configurations(
+    search: TaskPostures, found: Sequence[Found], p: Array, R: Array | None
+) -> list[Found]:  # fmt: skip
+    """Postures at p (N, 3) [m], R (N, 3, 3) with the fewest changes of configuration; refused ones unchanged."""
+    robot = search.problem.robot
+    rows = [k for k, one in enumerate(found) if not one.reason]
+    named = configurations(robot, np.reshape([found[k].q for k in rows], (-1, robot.n)))
+    if len(set(named)) < 2:
+        return [*found]
+    options = [
+        {**search.branches(p[k], None if R is None else R[k]), name: found[k].q}
+        for k, name in zip(rows, named, strict=True)
+    ]
+    best = dict(zip(rows, _way(options), strict=True))
+    return [Found(best[k]) if k in best else one for k, one in enumerate(found)]
+
+
+def _way(options: Sequence[Branches]) -> list[Array]:
+    ways = [(0.0, [(name, q)]) for name, q in options[0].items()]
+    for branches in options[1:]:
+        ways = [
+            min(
+                ((cost + _step(way[-1], (name, q)), [*way, (name, q)]) for cost, way in ways),
+                key=lambda found: found[0],
+            )
+            for name, q in branches.items()
+        ]
+    return [q for _, q in min(ways, key=lambda found: found[0])[1]]
+
+
+def _step(a: tuple[tuple[str, ...], Array], b: tuple[tuple[str, ...], Array]) -> float:
+    """What it costs to go from one posture to the next [rad]."""
+    return 1e3 * (a[0] != b[0]) + float(np.abs(a[1] - b[1]).max())  # rad: more than all joints together move
+
+
 _TOOL_AXIS = (0.0, 0.0, 1.0)
-_RANDOM_STARTS = 200  # random postures that are led to a target which the posture before it does not lead to
-_KEPT_STARTS = 24  # of them, those that come nearest
-_SAME_ORIENTATION_RAD = 1e-3  # rad: orientations that are as near as each other
 _ALONG_RAD = math.radians(1.0)  # a tool axis that is no farther off the task's direction is meant to be along it
 
 
 @dataclass(frozen=True, eq=False)
 class StartingPostures:
-    """Where the compensation of N targets starts.
+    """Where the compensation of N targets starts."""
 
-    Args:
-        near: (N, n) joint values of the arm without corrections and effects, given or found [rad or m].
-        kept: (N, n) postures to stay near: those given, or those at which this arm meets what the task requires.
-        aim: the poses to be reached, with what is held of the orientation.
-        refused: row -> why its target is refused.
-        notes: what the reader should know of them.
-    """
-
-    near: Array
-    kept: Array
-    aim: Poses
-    refused: Mapping[int, str] = field(default_factory=dict)
-    notes: tuple[Statement, ...] = ()
+    near: Array  # (N, n) joint values of the arm without corrections and effects, given or found [rad or m]
+    kept: Array  # (N, n) postures to stay near: those given, or those at which this arm meets what the task requires
+    aim: Poses  # the poses to be reached, with what is held of the orientation
+    refused: Mapping[int, str] = field(default_factory=dict)  # row -> why its target is refused
+    notes: tuple[Statement, ...] = ()  # what the reader should know of them
 
 
 def starting_postures(
     problem: ProblemData, solver: NearestPostures, rows: Targets, wanted: Poses
 ) -> StartingPostures:  # fmt: skip
-    """The postures to start from: the file's joint values, else near the plan of the task.
-
-    Where joint values or the task bring the tool axis along the direction of the task, it is held within the tilt.
-
-    Args:
-        solver: of the arm with its corrections.
-        wanted: N poses, world.
-    """
+    """Joint values of the file, else postures near the plan of the task."""
     if rows.near is not None:
         aim = wanted if wanted.rotation is not None else _axis_held(problem, wanted, rows.near)
         return StartingPostures(rows.near, rows.near, aim)
@@ -73,7 +99,6 @@ def starting_postures(
 
 
 def _near_plan(problem: ProblemData, wanted: Poses) -> StartingPostures:
-    """The postures that the task allows at the targets, near those of its plan."""
     plan: tuple[Solution, ...] = ()
     notes: tuple[Statement, ...] = ()
     if problem.task is not None:
@@ -105,11 +130,7 @@ def _standing(problem: ProblemData, aim: Poses, q: Array, rows: list[int]) -> Po
 
 
 def _axis_held(problem: ProblemData, wanted: Poses, q: Array, *, as_reached: bool = False) -> Poses:
-    """The wanted points, with the tool axis held where postures q (N, n) have it along the direction of the task.
-
-    Args:
-        as_reached: hold it as it is, since the postures meet the task; else it is brought within the tilt.
-    """
+    """Points with the tool axis held as postures q (N, n) have it, else brought within the tilt."""
     task = problem.task
     if task is None or task.axis_request == "free":
         return wanted
@@ -123,10 +144,7 @@ def _axis_held(problem: ProblemData, wanted: Poses, q: Array, *, as_reached: boo
 
 
 def _within_tilt(task: Task, axis: Array) -> Array:
-    """Unit vectors (N, 3) brought within the tilt of the direction, where they are no more than a degree beyond it.
-
-    The others, and those of a workpiece that may be turned, are NaN: nothing is held.
-    """
+    """Axes (N, 3) brought within the tilt where they are at most 1 deg beyond it; else NaN, which holds nothing."""
     if task.on_workpiece:
         return np.full_like(axis, np.nan)
     d = np.array(task.direction) / np.linalg.norm(task.direction)
@@ -141,16 +159,8 @@ def _within_tilt(task: Task, axis: Array) -> Array:
 
 
 def searched_postures(drawn: Robot, chain: NearestPostures, wanted: Poses) -> Array:
-    """Postures (N, n) [rad or m] of the nominal arm at poses that the ``chain`` with corrections reaches.
-
-    Each row starts from the one before it, so that the arm moves little. The first row, and one that cannot be reached
-    so, takes of `_RANDOM_STARTS` random starts the posture nearest to the one before, or to the middle of the joints'
-    ranges. Draws are seeded: the same targets give the same postures.
-
-    Args:
-        drawn: the robot without corrections; chain: the solver of the robot with them.
-        wanted: N poses, world.
-    """
+    """Postures (N, n) [rad or m] of the nominal arm at poses that ``chain`` reaches, each from the one before or
+    random."""
     low, high = drawn_between(chain.robot)
     before = (low + high) / 2
     search = InverseKinematics(Arm(chain.robot), _TOOL_AXIS, chain.directions, None, spun=chain.turns >= 3)
@@ -172,12 +182,12 @@ def _searched_posture(
     oriented = one.rotation is not None and chain.turns >= 3
     R = np.eye(3) if one.rotation is None else one.rotation[0]
     request = PoseRequest(one.position[0], R[:, 2], R @ spin_axis(_TOOL_AXIS), np.array([1.0, *[float(oriented)] * 2]))
-    led, errors = search.solve(search.random_postures(_RANDOM_STARTS, rng), request)
-    led = led[np.argsort(errors, kind="stable")[:_KEPT_STARTS]]
+    led, errors = search.solve(search.random_postures(200, rng), request)
+    led = led[np.argsort(errors, kind="stable")[:24]]
     every = one.repeated(len(led))
     led = chain.followed(every, np.broadcast_to(before, led.shape), led)
     left = chain.misses(led, every)
     off = np.linalg.norm(left.position @ chain.directions, axis=1) + np.linalg.norm(left.rotation, axis=1)
-    good = off <= off.min() + (_SAME_ORIENTATION_RAD if chain.turns < 3 else 1e-6)
+    good = off <= off.min() + (1e-3 if chain.turns < 3 else 1e-6)  # rad
     distance = np.where(good, np.abs(led - before).max(axis=1), np.inf)
     return chain.solve(one, before[None], led[[int(np.argmin(distance))]])

@@ -10,72 +10,42 @@ import numpy as np
 from posture_opt.limits import MOST_COMPENSATED
 from posture_opt.measurements.columns import AXES, Cells, Column, check_inputs, read_cells
 from posture_opt.measurements.data_section import DataSpec
-from posture_opt.measurements.faults import Faults
 from posture_opt.measurements.header import column_kinds, known_columns
 from posture_opt.measurements.measurements import nominal_poses, still_axes
 from posture_opt.measurements.orientation_columns import incomplete_orientation, is_oriented, orientation_of
 from posture_opt.measurements.rotations import rotation_matrices
-from posture_opt.measurements.table import TableLike, open_table
+from posture_opt.measurements.table import Faults, TableLike, open_table
 from posture_opt.numerics import Array, Codes
 from posture_opt.robot.robot import Robot
 
 _MEASURED_ONLY_COLUMNS = ("target", "robot", "point")
-_LIMIT_TOLERANCE = 1e-6  # rad or m: rounding of a limit that was written with six digits
 
 
 @dataclass(frozen=True, eq=False)
 class Targets:
-    """N targets in the order of the file.
+    """N targets in the order of the file."""
 
-    Args:
-        headers: of all columns, as given; cells: (N rows) their texts.
-        columns: what each known column is, by name.
-        position: (N, 3) wanted tool point, world [m]; ``None`` where the file has joint values alone.
-        rotation: (N, 3, 3) wanted orientation of the tool in the world, or ``None``: any.
-        near: (N, n) the postures to stay near [rad or m], or ``None``.
-        side: (N, n) the stated side from which a joint arrives, -1 or +1; 0 where the row before says it.
-        payload: (N,) [kg], temperature: (N,) [degC], time: (N,) [s]; ``None`` without the column.
-        line: (N,) of each row in ``file``.
-        separator: of its cells; ``decimal`` the mark in its numbers.
-    """
-
-    headers: tuple[str, ...]
+    headers: tuple[str, ...]  # of all columns, as given; cells: (N rows) their texts
     cells: tuple[tuple[str, ...], ...]
-    columns: Mapping[str, Column]
-    position: Array | None
-    rotation: Array | None
-    near: Array | None
-    side: Array
-    payload: Array | None
+    columns: Mapping[str, Column]  # what each known column is, by name
+    position: Array | None  # (N, 3) wanted tool point, world [m]; None where the file has joint values alone
+    rotation: Array | None  # (N, 3, 3) wanted orientation of the tool in the world, or None: any
+    near: Array | None  # (N, n) the postures to stay near [rad or m], or None
+    side: Array  # (N, n) the stated side from which a joint arrives, -1 or +1; 0 where the row before says it
+    payload: Array | None  # (N,) [kg], temperature: (N,) [degC], time: (N,) [s]; None without the column
     temperature: Array | None
     time: Array | None
-    line: Codes
+    line: Codes  # (N,) of each row in file
     file: str
-    separator: str = ","
+    separator: str = ","  # of its cells; decimal the mark in its numbers
     decimal: str = "."
 
     def __len__(self) -> int:
-        """The number of targets."""
         return len(self.line)
 
 
 def read_targets(source: TableLike, robot: Robot) -> Targets:
-    """The targets in a CSV file, a pandas DataFrame or a mapping from column head to values.
-
-    Columns are those of measurements: joints, ``x, y, z``, ``qw, qx, qy, qz`` (or ``roll, pitch, yaw``, or ``rx, ry,
-    rz``), ``JOINT.approach``, ``payload``, ``temperature``, ``time``, ``pose`` and ``goal``; joints may be left out, or
-    the tool point.
-
-    Raises:
-        InputError: everything wrong with the file, each with line, column and a hint.
-
-    Example:
-        >>> import posture_opt as po
-        >>> robot = po.load_problem("insert_planar_2r_calibrated").robot
-        >>> rows = read_targets({"x [mm]": [1000.0, 1100.0], "y [mm]": [300.0, 300.0]}, robot)
-        >>> len(rows), rows.position[1].tolist()
-        (2, [1.1, 0.3, 0.0])
-    """
+    """Targets of a table with columns of measurements, joints or the tool point left out; InputError for all faults."""
     table = open_table(source, column_kinds(robot))
     faults = table.faults
     columns, meant = known_columns(table.titles, robot, table.line, faults)
@@ -101,7 +71,6 @@ def read_targets(source: TableLike, robot: Robot) -> Targets:
 
 
 def _check_missing(columns: dict[str, Column], meant: set[str], robot: Robot, line: int, faults: Faults) -> None:
-    """Faults of the header: columns of measurements, joints or coordinates that are missing."""
     there = {*columns, *meant}
     for name in _MEASURED_ONLY_COLUMNS:
         if name in columns:
@@ -134,9 +103,8 @@ def _near_postures(cells: Cells, columns: Mapping[str, Column], robot: Robot, fa
     q = np.column_stack([values for values in found if values is not None])
     for values, joint in zip(q.T, robot.joints, strict=True):
         column = columns[joint.name]
-        for row in np.flatnonzero(
-            (values > joint.upper + _LIMIT_TOLERANCE) | (values < joint.lower - _LIMIT_TOLERANCE)
-        ):
+        # rounding of a limit written with six digits
+        for row in np.flatnonzero((values > joint.upper + 1e-6) | (values < joint.lower - 1e-6)):
             bounds = ", ".join(f"{bound / column.factor:.6g}" for bound in (joint.lower, joint.upper))
             message = f"{values[row] / column.factor:.6g} {column.unit} lies beyond its limits [{bounds}]"
             hint = "correct the value, its unit, or the limits of the joint"
@@ -165,5 +133,4 @@ def _stated_sides(cells: Cells, robot: Robot) -> Array:
 
 
 def _cell_text(cell: object) -> str:
-    """A cell as it is written again: strings stripped, floats with all their digits."""
     return cell.strip() if isinstance(cell, str) else repr(float(cell)) if isinstance(cell, float) else str(cell)

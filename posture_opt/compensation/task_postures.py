@@ -1,11 +1,8 @@
-"""Where the postures of targets without joint values come from: the plan of the file's task, and what it requires.
-
-A target is one more place for the tool in the same cell: the tool axis, the terms and the obstacles of the task hold
-there as they do for the plan, and of all postures that meet them the one nearest to the plan's is taken.
-"""
+"""Postures at targets without joint values, near the plan of the file's task, and what that task requires."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -14,29 +11,27 @@ import numpy as np
 
 from posture_opt.errors import NoSolutionError
 from posture_opt.model.reach_bound import stretched
-from posture_opt.numerics import Array
-from posture_opt.robot.joint_ranges import drawn_between
-from posture_opt.selection.answer.configurations import configurations
+from posture_opt.numerics import Array, Codes, Mask
+from posture_opt.robot.posture import drawn_between
+from posture_opt.selection.answer.other_postures import configurations
 from posture_opt.selection.answer.selector import PostureSelector
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.problem_data import ProblemData
+from posture_opt.selection.program.nlp import Nlp, Row
 from posture_opt.selection.program.task_target import TaskTarget, spin_axis
 from posture_opt.selection.search.batches import until_found_often
 from posture_opt.selection.search.engine import CandidatePosture, Engine
-from posture_opt.selection.search.inverse_kinematics import TOLERANCE
-from posture_opt.selection.search.search_outcome import is_clear
+from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE, TOLERANCE
+from posture_opt.selection.search.search_outcome import DISTANCE_ROUNDING, is_clear
 from posture_opt.selection.tasks.custom import Custom
-from posture_opt.selection.tasks.direction import Direction
+from posture_opt.selection.tasks.workpiece import Direction
 from posture_opt.selection.terms.near_posture import NearPosture
 from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.uncertainty.spread.task_spread import across_basis
 from posture_opt.units import JointQuantity, number
 
 _DIMENSIONS = {"revolute": "angle", "prismatic": "length"}
-_ANY_SIGMA = 1e-6  # rad or m, of the first joint, where no row asks for the spread: a program has some spread
 _SEED = 0
-_BRANCH_STARTS = 200  # random postures that are led to a target: of eight configurations each is found then
-_MAX_EXPLAINED = 3  # targets of which is asked what keeps the arm from them, a second each
 _UNEXPLAINED = "no posture that the task and the cell allow was found"
 
 
@@ -52,13 +47,7 @@ class TargetTask(Custom):
 
 
 def target_task(problem: ProblemData, near: Array, p: Array, *, spun: bool, free: bool = False) -> TargetTask:
-    """The requirements of the task of a problem, or none where it states none, at a target p (3,) [m], world.
-
-    Args:
-        near: (n,) posture to be near to [rad or m].
-        spun: whether the spin of the tool is held, as by a wanted orientation.
-        free: whether the tool axis may point anywhere, as where joint values say where it does.
-    """
+    """Requirements of a problem's task at one more target p (3,) [m], world, near a posture (n,) [rad or m]."""
     joints = zip(problem.robot.joints, map(float, near), strict=True)
     posture = {joint.name: JointQuantity(value, _DIMENSIONS[joint.type]) for joint, value in joints}
     task, term = problem.task, NearPosture(kind="near_posture", posture=posture)
@@ -81,28 +70,17 @@ class Found:
 
 @dataclass
 class TaskPostures:
-    """The postures at targets, found one after another from those of the plan.
+    """The postures at targets, found one after another from those of the plan."""
 
-    Args:
-        problem: whose task, cell and arm hold.
-        plan: the answers at the stations of its task; empty where there is none.
-        oriented: whether targets state the orientation of the tool.
-    """
-
-    problem: ProblemData
-    plan: Sequence[Solution]
-    oriented: bool
+    problem: ProblemData  # whose task, cell and arm hold
+    plan: Sequence[Solution]  # the answers at the stations of its task; empty where there is none
+    oriented: bool  # whether targets state the orientation of the tool
     _first: Array | None = None
     _explained: int = 0
     _selectors: dict[int, PostureSelector] = field(default_factory=dict)
 
     def at(self, p: Array, R: Array | None, before: Array | None) -> Found:
-        """The posture at a tool point p (3,) [m], world, near that of the nearest station of the plan.
-
-        Args:
-            R: (3, 3) wanted orientation of the tool, or any that the task allows.
-            before: (n,) posture of the target before [rad or m].
-        """
+        """Posture at a tool point p (3,) [m] and orientation R (3, 3), world, near the plan's nearest station."""
         station = self._nearest_station(p)
         selector, start = self._selector(station, p), self._reference(station)
         target = self._target(selector, station, p, R)
@@ -120,8 +98,8 @@ class TaskPostures:
         selector, reference = self._selector(station, p), self._reference(station)
         target, rng = self._target(selector, station, p, R), np.random.default_rng(_SEED)
         engine, robot = selector.engine(target, guarded=True), self.problem.robot
-        Q, errors = engine.ik.solve(engine.ik.random_postures(_BRANCH_STARTS, rng),
-                                    engine.request(target, _BRANCH_STARTS, rng))  # fmt: skip
+        Q, errors = engine.ik.solve(engine.ik.random_postures(200, rng),  # of eight configurations each is found then
+                                    engine.request(target, 200, rng))  # fmt: skip
         led = Q[errors < TOLERANCE]
         led = led[np.argsort(np.abs(led - reference).max(axis=1), kind="stable")]
         nearest = dict(zip(configurations(robot, led[::-1]), led[::-1], strict=True))
@@ -130,11 +108,10 @@ class TaskPostures:
         return dict(zip(configurations(robot, np.reshape(kept, (-1, robot.n))), kept, strict=True))
 
     def _searched(self, selector: PostureSelector, target: TaskTarget, start: Array) -> Found:
-        """What random starts lead to; of the first targets that are out of reach, which requirement is in the way."""
         beyond = self._beyond(target.lower)
         if beyond > 0:
             return Found(start, f"the target lies at least {number(1e3 * beyond, 4)} mm beyond the reach of the arm")
-        if self._explained >= _MAX_EXPLAINED:
+        if self._explained >= 3:  # a second each
             engine = selector.engine(target, guarded=True)
             found = until_found_often(engine, target, np.random.default_rng(_SEED)).found
             clear = [c.q for c in found if c.feasible and is_clear(self.problem.scene, c.q[None])[0]]
@@ -152,14 +129,12 @@ class TaskPostures:
         return float(np.linalg.norm(p - first)) - longest
 
     def _kept(self, q: Array) -> Found:
-        """The posture, which further targets are near to where there is no plan."""
         if not self.plan and self._first is None:
             self._first = q
             self._selectors.clear()
         return Found(q)
 
     def _nearest_station(self, p: Array) -> int:
-        """The station of the plan whose tool point is nearest; 0 without a plan."""
         return int(np.argmin(np.linalg.norm(self._places - p, axis=1))) if self.plan else 0
 
     @cached_property
@@ -201,7 +176,7 @@ def selector_of(problem: ProblemData, task: TargetTask) -> PostureSelector:
     asked = any(term.part is not None or term.uses_orientation for term in task.subject_to)
     robot = problem.robot
     trivial = Sources.independent({f"{robot.joints[0].name}.{'theta' if robot.joints[0].type == 'revolute' else 'd'}":
-                                   _ANY_SIGMA})  # fmt: skip
+                                   1e-6})  # fmt: skip
     sources = problem.sources if asked else trivial
     return PostureSelector(replace(problem, task=task, sources=sources), compiled=False, keeps_mounting=True)
 
@@ -209,3 +184,77 @@ def selector_of(problem: ProblemData, task: TargetTask) -> PostureSelector:
 def _followed(engine: Engine, q: Array, target: TaskTarget) -> CandidatePosture:
     """The nearest optimum that a posture (n,) leads to."""
     return engine.polished(engine.candidates(q[None], target)[0], target)
+
+
+_SMALL_CHANGE_RAD = math.radians(5.0)  # rad or m: a joint that compensation moves by more is in another posture
+
+
+@dataclass(frozen=True)
+class Requirements:
+    """Cell and task; a compensated posture may miss by some mrad what the planned one kept or leant on."""
+
+    problem: ProblemData
+
+    def broken(self, q: Array, kept: Array, rows: Codes) -> dict[int, str]:
+        """Row -> the requirement broken by q (N, n), of ``rows`` (k,); ``kept`` (N, n) planned or given [rad or m]."""
+        if not len(rows):
+            return {}
+        moved = np.abs(q - kept)[rows].max(axis=1) > _SMALL_CHANGE_RAD
+        found = {**self._terms(q[rows], kept[rows], moved), **self._collisions(q[rows], kept[rows], moved)}
+        return {int(rows[k]): reason for k, reason in found.items()}
+
+    def _collisions(self, q: Array, kept: Array, moved: Mask) -> dict[int, str]:
+        scene = self.problem.scene
+        if not scene.active:
+            return {}
+        required = np.array(scene.required)
+        least = required - DISTANCE_ROUNDING
+        now, before = scene.distances(q), scene.distances(kept)
+        bad = (now < least) & ((before < least) | moved[:, None] | (now < -1e-3))
+        reasons = {}
+        for k in np.flatnonzero(bad.any(axis=1)):
+            pair = int(np.argmin(np.where(bad[k], now[k] - required, np.inf)))
+            reasons[int(k)] = _collision_words(float(now[k, pair]), scene.pairs[pair], float(required[pair]))
+        return reasons
+
+    def _terms(self, q: Array, kept: Array, moved: Mask) -> dict[int, str]:
+        """Postures that break a term of ``subject_to``, each with the one that it breaks most."""
+        task = self.problem.task
+        if task is None or not any(not term.held(self.problem.robot) for term in task.subject_to):
+            return {}
+        asked = target_task(self.problem, kept[0], np.zeros(3), spun=False, free=True)
+        selector = selector_of(self.problem, asked)
+        nlp = selector.engine(selector.target, guarded=False).optimisation_problem.nlp
+        p = selector.target.parameters
+        now, before = (_lacking(nlp, postures, p) for postures in (q, kept))
+        bad = (now > ROW_TOLERANCE) & ((before > ROW_TOLERANCE) | moved[:, None])
+        reasons = {}
+        for k in np.flatnonzero(bad.any(axis=1)):
+            row = int(np.argmax(np.where(bad[k], now[k], 0.0)))
+            value, bounds = nlp.row_values(q[k], p)[0, row], [bound[row] for bound in nlp.row_bounds(p)]
+            reasons[int(k)] = _term_words(nlp.rows[row], float(value), *map(float, bounds))
+        return reasons
+
+
+def _lacking(nlp: Nlp, q: Array, p: Array) -> Array:
+    """(N, m) by how much postures (N, n) break each row; rows of the target count for nothing."""
+    low, high = nlp.row_bounds(p)
+    values = nlp.row_values(q, p)
+    counted = np.array([bool(row.term) for row in nlp.rows])
+    return np.asarray(np.where(counted, np.maximum(np.maximum(low - values, values - high), 0.0), 0.0))
+
+
+def _collision_words(distance: float, between: tuple[str, str], margin: float) -> str:
+    a, b = between
+    if distance <= 0:
+        return f"{a} and {b} overlap"
+    return f"{a} comes within {number(1e3 * distance, 3)} mm of {b}, and {number(1e3 * margin, 3)} mm are required"
+
+
+def _term_words(row: Row, value: float, low: float, high: float) -> str:
+    bound, word = (low, "at least") if value < low else (high, "at most")
+    factor, unit = {"m": (1e3, " mm"), "rad": (180 / math.pi, " deg"), "1": (1.0, "")}.get(
+        row.unit, (1.0, f" {row.unit}")
+    )
+    is_, asked = (f"{number(factor * row.shown(v), 4)}{unit}" for v in (value, bound))
+    return f"{row.name} is {is_}, and {word} {asked} is required"

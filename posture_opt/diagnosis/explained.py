@@ -19,18 +19,16 @@ from posture_opt.calibration.weights import (
     better_gravity,
     refuted_masses,
 )
-from posture_opt.diagnosis.causes.mass_errors import with_mass_errors
-from posture_opt.diagnosis.causes.predictive_effects import PredictiveModel
-from posture_opt.diagnosis.causes.selected_sizes import choice_deviations, with_choice_errors
+from posture_opt.diagnosis.causes.delivered_arm import PredictiveModel
+from posture_opt.diagnosis.causes.determined_sizes import choice_deviations, with_choice_errors, with_mass_errors
 from posture_opt.diagnosis.noise.noise_causes import joint_scatter, noise_causes, sided_joints
 from posture_opt.diagnosis.noise.uneven_noise import NoiseCause, UnevenErrors
 from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.scores.lack_of_fit import Adequacy, HeldResiduals, assess_adequacy, lack_of_fit, left_of
-from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent
+from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent, tool_points
 from posture_opt.diagnosis.search.linearised_data import (
     LinearisedData,
     linearise_calibration,
-    tool_points,
 )
 from posture_opt.diagnosis.search.nested_selection import Folding, NestedSelection
 from posture_opt.diagnosis.search.outlier_reinclusion import (
@@ -39,8 +37,8 @@ from posture_opt.diagnosis.search.outlier_reinclusion import (
     without_clear_outliers,
     without_hidden_outliers,
 )
+from posture_opt.diagnosis.search.rivals import unrefuted_rivals
 from posture_opt.diagnosis.search.search import SearchResult, keep_named, remaining_unnamed, search_effects
-from posture_opt.diagnosis.search.unrefuted_rivals import unrefuted_rivals
 from posture_opt.measurements.repeats import repeats_of_one_kind
 from posture_opt.model.effects import Effect
 from posture_opt.model.effects.base.gravity_load import GravityLoaded
@@ -53,13 +51,7 @@ class Explained:
     """What the residuals of a calibration hold, and the arm that was fitted with it.
 
     Args:
-        geometry: the calibrated arm; ``predictive`` with the effects that have a name and that held-out rows need.
         deviations: (S, K, k) of its parameters beside the effects that each fold chose.
-        unnamed: the further components.
-        adequacy: the tests for anything left.
-        noise, uneven: causes that move nothing, and errors that look like one.
-        weights: gravity, and masses, where they are not as the file was taken to say.
-        unrefuted: by place among the names, effects that explain no clearly less, where more than noise is left.
     """
 
     calibration: Calibration
@@ -103,13 +95,13 @@ def explain_calibration(calibration: Calibration, draws: int, seed: int, stages:
     more with these: they are taken if what is found then, a load among it, leaves clearly less, or needs fewer effects.
     """
     found = _explain(calibration, draws, seed, stages)
-    judges: tuple[Callable[[Calibration], Reading | None], ...] = (better_gravity, refuted_masses)
+    judges: Sequence[Callable[[Calibration], Reading | None]] = (better_gravity, refuted_masses)
     for judge in judges:
         reading = judge(found.calibration)
         if reading is None:
             continue
         problem = reading.restated(found.calibration.request.problem)
-        other = _explain(of_problem(found.calibration, problem), draws, seed, Stages(None, 1, 1))
+        other = _explain(of_problem(found.calibration, problem), draws, seed)
         before, after = (one.model.variance for one in (found, other))
         evidence = len(other.model.whitened) / 2 * np.log(max(before, 1e-300) / max(after, 1e-300))
         evidence += levels.CHOICE_PENALTY * (len(found.model.effects) - len(other.model.effects))
@@ -119,36 +111,29 @@ def explain_calibration(calibration: Calibration, draws: int, seed: int, stages:
     return found
 
 
-def _explain(calibration: Calibration, draws: int, seed: int, stages: Stages) -> Explained:
+def _explain(calibration: Calibration, draws: int, seed: int, stages: Stages | None = None) -> Explained:
     """What the residuals hold under gravity and masses as stated.
 
-    It is searched for once more where that shows that statements of the file are wrong beside the effects, that
-    orientations scatter otherwise, beside positions, than they were weighed for, or that geometry was held near nominal
-    which the data determine beside the effects: what hides in the calibrated arm's errors may have made it seem so, or
-    a σ that is stated wrongly. So it is where effects hid outliers.
+    Searched for once more where statements of the file prove wrong beside the effects, where orientations scatter
+    otherwise than they were weighed for, or geometry was held near nominal which the data determine beside the effects:
+    what hides in the calibrated arm's errors may have made it seem so. So it is where effects hid outliers.
     """
     calibration = without_clear_outliers(calibration)
-    found = _explain_residuals(*_search_effects(calibration, draws, seed, stages), seed)
+    found = _explain_residuals(calibration, draws, seed, stages)
     for judge in (restated, reweighed):
         again = judge(calibration, found.model)
         if again is not None:
             calibration = again
-            found = _explain_residuals(*_search_effects(again, draws, seed, Stages(None, 1, 1)), seed)
+            found = _explain_residuals(again, draws, seed)
     fewer = without_hidden_outliers(found.calibration, found.model)
     if fewer is not None:
-        found = _explain_residuals(*_search_effects(fewer, draws, seed, Stages(None, 1, 1)), seed)
+        found = _explain_residuals(fewer, draws, seed)
     return found
 
 
-def _explain_residuals(
-    calibration: Calibration, linearised: LinearisedData, found: SearchResult, seed: int
-) -> Explained:
-    """The arm with what was found, and what it leaves.
-
-    Args:
-        found: the search among all candidates; effects of its named set are fitted together with the geometry.
-        calibration, linearised: of the rows that count; seed: of the null distribution of noise.
-    """
+def _explain_residuals(calibration: Calibration, draws: int, seed: int, stages: Stages | None = None) -> Explained:
+    """The arm with what a search found, and what it leaves."""
+    calibration, linearised, found = _search_effects(calibration, draws, seed, stages or Stages(None, 1, 1))
     found, predictive = _needed_effects(calibration, linearised, found)
     model, residuals = predictive.fit, linearised.sensitivities.residuals
     geometry, names = calibration.fit_effects(residuals, []), found.names or found
@@ -159,16 +144,20 @@ def _explain_residuals(
     everything = linearised.baseline(found.chosen)
     repeated = repeats_of_one_kind(residuals.data, prismatic_joints(residuals), sided_joints(model))
     held = _held_by_prior(calibration, linearised, found)
-    left = assess_adequacy(everything, residuals.data, repeated, tool_points(linearised), residuals.block, held)
+    left = assess_adequacy(
+        everything, residuals.data, repeated, tool_points(linearised.sensitivities), residuals.block, held
+    )
     p_value = 0.0 if unnamed else left.p_value
     noise, uneven = noise_causes(calibration.request.problem, calibration, model, everything, p_value, seed)
     scatter = joint_scatter(model, noise)
     if scatter is not None:
         held = held or left_of(everything, residuals.measured)
-        again = lack_of_fit(held, residuals.data, repeated, residuals.block, scatter)
-        left = replace(left, lack_of_fit=again)
+        left = replace(left, lack_of_fit=lack_of_fit(held, residuals.data, repeated, residuals.block, scatter))
     open_ = unnamed or uneven or left.p_value < levels.LACK_OF_FIT_LEVEL
-    unrefuted = unrefuted_rivals(linearised, names) if open_ else {}
+    unrefuted: Mapping[int, tuple[Effect, ...]] = {}
+    if open_:
+        blocks = names.nested.each[-1].groups
+        unrefuted = unrefuted_rivals(linearised, names.chosen, names.rivals, names.scored, blocks)
     return Explained(
         calibration, linearised, found, geometry, predictive, deviations, unnamed, left, noise, uneven, unrefuted
     )
@@ -210,7 +199,6 @@ def _held_by_prior(calibration: Calibration, linearised: LinearisedData, found: 
 def _search_effects(
     calibration: Calibration, draws: int, seed: int, stages: Stages
 ) -> tuple[Calibration, LinearisedData, SearchResult]:  # fmt: skip
-    """What the residuals hold; searched once more where effects explain rows that looked like outliers."""
     linearised = linearise_calibration(calibration, draws, seed)
     foldings = _selection_folds(calibration)
     found = search_effects(linearised, foldings, stages.rounds(stages.next()))
@@ -236,7 +224,6 @@ def groups_and_folds(calibration: Calibration) -> tuple[Codes, list[Codes]]:
 
 
 def _selection_folds(calibration: Calibration) -> tuple[Folding, ...]:
-    """How rows are left out: as the calibration does, by which errors are stated, and by block too where it can be."""
     data = calibration.request.data.take(calibration.kept_rows)
     own = Folding(*groups_and_folds(calibration))
     if data.position is None or calibration.by == "block":

@@ -11,7 +11,6 @@ from typing import Literal
 import numpy as np
 
 from posture_opt.calibration.estimation.parameters import Parameter
-from posture_opt.csv_text import csv_line
 from posture_opt.experiments.candidate_postures import Workspace
 from posture_opt.experiments.information import ExpectedErrors
 from posture_opt.experiments.plan_search import Tour
@@ -22,6 +21,7 @@ from posture_opt.robot.posture import Posture
 from posture_opt.robot.robot import Joint, Robot
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.statements import Quantity, Statement, state
+from posture_opt.texts import csv_line
 from posture_opt.uncertainty.regions.critical import PARTS
 
 Purpose = Literal["parameters", "task", "recheck"]

@@ -2,36 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from posture_opt.errors import BadValueError
+from posture_opt.measurements.camera_section import Bodies, Intrinsics
 from posture_opt.numerics import Array, Codes, Mask
 
-_ROUNDS = 20
-"""Gauss-Newton steps of one picture at most; five are usual."""
-_LEAST_FLAT, _LEAST_SOLID = 4, 6
-"""Points from which a picture shows the pose of a flat board, or of other known points."""
-_FLATNESS = 1e-3
-"""Thickness over extent up to which known points count as flat."""
+_ROUNDS = 20  # Gauss-Newton steps of one picture at most; five are usual
+_LEAST_FLAT, _LEAST_SOLID = 4, 6  # Points from which a picture shows the pose of a flat board, or of other known points
+_FLATNESS = 1e-3  # Thickness over extent up to which known points count as flat
+# How far what the tool carries is from the tool point, and what stands in the cell from the base, roughly
 _ON_TOOL_M, _IN_CELL_M = 0.1, 1.0
-"""How far what the tool carries is from the tool point, and what stands in the cell from the base, roughly."""
+# Singular value over the largest, below which turns show nothing of a shift but noise and errors of the arm
 _LEAST_TURN = 1e-2
-"""Singular value over the largest, below which turns show nothing of a shift but noise and errors of the arm."""
-_GROSS = 4.0
-"""Times the median misfit: a picture farther off is taken for a wrong detection."""
+_GROSS = 4.0  # Times the median misfit: a picture farther off is taken for a wrong detection
 
 
 def board_pose(points: Array, rays: Array) -> Array | None:
-    """T_camera_board (4, 4) from known points and the rays that they are seen along; None where too few are seen.
-
-    A homography (Zhang 2000) or a direct linear transformation first, then least squares of the rays. A flat board far
-    away looks alike in two poses, mirrored in depth: the better one is kept.
-
-    Args:
-        points: (n, 3) on the board [m]; rays: (n, 2) at a depth of one.
-    """
+    """T_camera_board (4, 4) from known points and the rays that they are seen along; None where too few are seen."""
+    # A homography (Zhang 2000) or a direct linear transformation first, then least squares of the rays. A flat board
+    # far away looks alike in two poses, mirrored in depth: the better one is kept.
+    # points: (n, 3) on the board [m]; rays: (n, 2) at a depth of one
     if len(points) < _LEAST_FLAT:
         return None
     middle = points.mean(axis=0)
@@ -52,17 +48,13 @@ def board_pose(points: Array, rays: Array) -> Array | None:
 
 
 def robot_world_hand_eye(A: Array, B: Array, points: Array, on_tool: bool) -> tuple[Array, Array]:
-    """T_camera_mount and T_carrier_board with ``A_i = Z B_i W``, and pictures that disagree left out.
-
-    The rotations by Shah (2013), equation 18, and both together by Li, Wang, Wu (2010), equation 12: where all turns
-    are about parallel axes, only the shifts tell the rotations apart. The better of both is kept. Along such axes
-    camera and board move together: what the tool carries is then near it, and what stands in the cell may be far.
-
-    Args:
-        A: (n, 4, 4) T_camera_board of every picture; B: (n, 4, 4) T_mount_carrier.
-        points: (k, 3) on the board, by which solutions are compared [m].
-        on_tool: whether the tool carries the camera, and else the board.
-    """
+    """T_camera_mount and T_carrier_board with ``A_i = Z B_i W``, and pictures that disagree left out."""
+    # The rotations by Shah (2013), equation 18, and both together by Li, Wang, Wu (2010), equation 12: where all
+    # turns are about parallel axes, only the shifts tell the rotations apart. The better of both is kept. Along such
+    # axes camera and board move together: what the tool carries is then near it, and what stands in the cell may be
+    # far.
+    # A: (n, 4, 4) T_camera_board of every picture; B: (n, 4, 4) T_mount_carrier; points: (k, 3) on the board, by
+    # which solutions are compared [m]
     kept = np.ones(len(A), dtype=bool)
     for _ in range(3):
         turns = [closed_rotations(A[kept, :3, :3], B[kept, :3, :3]), _by_li(A[kept], B[kept])]
@@ -80,14 +72,10 @@ def mean_pose(T: Array) -> Array:
 
 
 def camera_of_moving_points(R: Array, p: Array, rays: Array, marker: Codes) -> tuple[Array, Array] | None:
-    """T_camera_mount (4, 4) and markers (k, 3) of the carrier, none of them known; None where pictures are too few.
-
-    ``x × (P (p + R m) + t) = 0`` with the ray x is linear in P, t and the products of P with the coordinates of every
-    m: the smallest singular vector. The marker seen most often decides the camera, the others follow.
-
-    Args:
-        R, p: (n, 3, 3), (n, 3) T_mount_carrier [m]; rays: (n, 2); marker: (n,) codes from 0.
-    """
+    """T_camera_mount (4, 4) and markers (k, 3) of the carrier, none of them known; None where pictures are too few."""
+    # ``x × (P (p + R m) + t) = 0`` with the ray x is linear in P, t and the products of P with the coordinates of
+    # every m: the smallest singular vector. The marker seen most often decides the camera, the others follow.
+    # R, p: (n, 3, 3), (n, 3) T_mount_carrier [m]; rays: (n, 2); marker: (n,) codes from 0
     most = int(np.argmax(np.bincount(marker)))
     own = marker == most
     if own.sum() * 2 < 39:
@@ -158,7 +146,6 @@ def _by_direct_transformation(points: Array, rays: Array) -> Array:
 
 
 def _mirrored(T: Array) -> Array:
-    """The other pose in which a flat board far away looks alike: depths along the line of sight change their sign."""
     sight = T[:3, 3] / np.linalg.norm(T[:3, 3])
     flipped = T[:3, :2] - 2 * np.outer(sight, sight @ T[:3, :2])
     return _rigid(np.column_stack([flipped, np.cross(flipped[:, 0], flipped[:, 1])]), T[:3, 3])
@@ -246,3 +233,103 @@ def _turn_by(w: Array) -> Array:
     """(3, 3) nearly the rotation by a vector w: to the second order."""
     W = np.array([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
     return np.asarray(np.eye(3) + W + W @ W / 2)
+
+
+_MOST_PICTURES = 80  # Of one board that a start uses: more do not improve it
+
+
+_LEAST_PICTURES = 3  # From which a hand-eye calibration has a solution
+
+
+def first_frames(pictures: Pictures, cameras: int) -> tuple[Array, Array]:
+    """T_mount_camera (C, 4, 4) of cameras and T_carrier_body (B, 4, 4) by the nominal arm, without any guess."""
+    # Boards of known geometry first: the pose of each in every picture, then robot-world hand-eye calibration.
+    # Markers of which nothing is known are triangulated, or decide the camera where no board is seen.
+    by_boards = {c: pictures.camera_by_boards(c) for c in range(cameras)}
+    found = {c: pictures.camera_by_markers(c) if T is None else T for c, T in by_boards.items()}
+    bodies = [pictures.body(b, found) for b in range(len(pictures.bodies.names))]
+    return np.array([np.linalg.inv(found[c]) for c in range(cameras)]), np.array(bodies)
+
+
+@dataclass(frozen=True, eq=False)
+class Pictures:
+    """What cameras saw, row by row, and where the nominal arm was."""
+
+    bodies: Bodies
+    # R, p: (N, 3, 3), (N, 3) T_mount_carrier: the tool in the world, for a camera on the tool the world in the tool
+    R: Array
+    p: Array
+    rays: Array  # (N, 2) at a depth of one
+    # camera, marker, pose: (N,) codes
+    camera: Codes
+    marker: Codes
+    pose: Codes
+    on_tool: Mask  # (N,) whether the arm has the camera
+
+    @classmethod
+    def of(
+        cls, bodies: Bodies, intrinsics: Sequence[Intrinsics], on_tool: Mask, pose: tuple[Array, Array],
+        pixels: Array, codes: tuple[Codes, Codes],
+    ) -> Pictures:  # fmt: skip
+        """By the tool's ``pose`` (N, 3, 3), (N, 3) in the world, and the ``codes`` of cameras and markers."""
+        # on_tool: (N,) whether the arm carries the camera; pixels: (N, 2)
+        (R, p), (camera, marker) = pose, codes
+        inverse = np.swapaxes(R, 1, 2)
+        p = np.where(on_tool[:, None], -np.einsum("nij,nj->ni", inverse, p), p)
+        R = np.where(on_tool[:, None, None], inverse, R)
+        rays = np.zeros((len(p), 2))
+        for c, one in enumerate(intrinsics):
+            rays[camera == c] = one.rays(pixels[camera == c])
+        rows = np.concatenate([R.reshape(len(p), 9), p], axis=1).round(12)
+        poses = np.unique(rows, axis=0, return_inverse=True)[1].ravel().astype(np.intp)
+        return cls(bodies, R, p, rays, camera, marker, poses, on_tool)
+
+    def shown(self, camera: int, body: int) -> tuple[Array, Array]:
+        """(n, 4, 4) T_camera_body and T_mount_carrier of the pictures of one board by one camera."""
+        rows = np.flatnonzero((self.camera == camera) & (self.bodies.body[self.marker] == body))
+        poses = np.unique(self.pose[rows])
+        poses = poses[np.linspace(0, len(poses) - 1, min(len(poses), _MOST_PICTURES)).astype(int)]
+        A, B = [], []
+        for code in poses:
+            own = rows[self.pose[rows] == code]
+            if (T := board_pose(self.bodies.points[self.marker[own]], self.rays[own])) is not None:
+                A.append(T)
+                B.append(np.block([[self.R[own[0]], self.p[own[0]][:, None]], [np.zeros((1, 3)), np.ones((1, 1))]]))
+        return np.array(A).reshape(-1, 4, 4), np.array(B).reshape(-1, 4, 4)
+
+    def camera_by_boards(self, camera: int) -> Array | None:
+        """T_camera_mount by the board that most pictures show; None where none shows enough."""
+        shown = [self.shown(camera, int(b)) for b in np.flatnonzero(self.bodies.rigid)]
+        best = max(range(len(shown)), key=lambda k: len(shown[k][0]), default=-1)
+        if best < 0 or len(shown[best][0]) < _LEAST_PICTURES:
+            return None
+        points = self.bodies.points[self.bodies.body == np.flatnonzero(self.bodies.rigid)[best]]
+        on_tool = bool(self.on_tool[self.camera == camera].all())
+        return robot_world_hand_eye(*shown[best], points, on_tool)[0]
+
+    def camera_by_markers(self, camera: int) -> Array:
+        """T_camera_mount by markers of which nothing is known."""
+        rows = np.flatnonzero(self.camera == camera)
+        codes = np.unique(self.marker[rows], return_inverse=True)[1].astype(np.intp)
+        found = camera_of_moving_points(self.R[rows], self.p[rows], self.rays[rows], codes)
+        if found is None:
+            hint = "20 pictures of one marker, or 3 of four points of a known board (data.markers), are the least"
+            raise BadValueError("too few pictures to say where the camera is", hint)
+        return found[0]
+
+    def body(self, body: int, cameras: Mapping[int, Array]) -> Array:
+        """T_carrier_body (4, 4) by the cameras that see it."""
+        if not self.bodies.rigid[body]:
+            rows = np.flatnonzero(self.bodies.body[self.marker] == body)
+            camera = int(np.argmax(np.bincount(self.camera[rows])))
+            rows = rows[self.camera[rows] == camera]
+            found = np.eye(4)
+            found[:3, 3] = seen_marker(cameras[camera], self.R[rows], self.p[rows], self.rays[rows])
+            return found
+        shown = {c: self.shown(c, body) for c in cameras}
+        most = max(shown, key=lambda c: len(shown[c][0]))
+        A, B = shown[most]
+        if not len(A):
+            name = self.bodies.names[body]
+            raise BadValueError(f"no picture shows four points of the board '{name}'", "leave out its rows")
+        return mean_pose(np.linalg.inv(cameras[most] @ B) @ A)

@@ -10,8 +10,7 @@ from typing import Any
 import casadi
 
 from posture_opt.errors import InputError, Issue
-from posture_opt.model.c_rows import CFunction, one_text, preamble_text, rows_text
-from posture_opt.model.steps import Steps
+from posture_opt.model.c_rows import CFunction, Steps, one_text, preamble_text, rows_text
 from posture_opt.texts import one_line
 
 
@@ -24,27 +23,8 @@ def c_source(
     shared: bool = False,
 ) -> tuple[str, str]:
     """Self-contained C99 text of an SX function and its header: ``int name(const double* in, …, double* out, …)``.
-
-    Args:
-        function: SX, of any sparsity.
-        name: of the C function; a C identifier.
-        descriptions: unit and meaning of the inputs and outputs by name, for the header.
-        rows: whether there is also ``int name_rows(long long rows, …)``, for many inputs at once.
-        shared: whether outputs use what the ones before them have computed; else each is computed alone.
-
-    Returns:
-        The C text (needs the mathematics library alone) and the header text. Matrices: inputs column-major, outputs
-        row-major.
-
-    Raises:
-        InputError: a name is no C identifier, or one that C keeps for itself.
-
-    Example:
-        >>> x = casadi.SX.sym("x")
-        >>> text, header = c_source(casadi.Function("f", [x], [x * x], ["x"], ["y"]), "square")
-        >>> "int square(const double* x, double* y);" in header
-        True
-    """
+    rows: whether there is also ``int name_rows(long long rows, …)``, for many inputs at once. Returns the C text (needs
+    the mathematics library alone) and the header text. Matrices: inputs column-major, outputs row-major."""
     _check_names(function, name)
     steps = Steps.of(row_function(function, _CASADI_NAME))
     inputs = [(function.name_in(i), function.size_in(i)) for i in range(function.n_in())]
@@ -69,31 +49,25 @@ def c_source(
 
 
 def _argument_sizes(arguments: list[tuple[str, tuple[int, int]]]) -> list[tuple[str, int]]:
-    """Name and number of entries of each argument."""
     return [(key, rows * columns) for key, (rows, columns) in arguments]
 
 
+# Name that CasADi accepts; it refuses names that C takes: of a leading or a double underscore, and some words
 _CASADI_NAME = "f"
-"""Name that CasADi accepts; it refuses names that C takes: of a leading or a double underscore, and some words."""
 _FILE_COMMENT = "/* Written by posture_opt: C99, to be linked with -lm. */\n#include <float.h>\n#include <math.h>\n"
 _ROWS_COMMENT = """ * {name}_rows does the same for many: every array has that many rows, one after another.
  * The digits are the same; compiled with -O3 it is three times as fast.
 """
+# Of C, then those of C++, which includes the header too
 _KEYWORDS = """
     auto break case char const continue default do double else enum extern float for goto if inline int long main
     register restrict return short signed sizeof static struct switch typedef union unsigned void volatile while
     and bool catch class delete explicit export false friend mutable namespace new not operator or private protected
     public template this throw true try typename using virtual xor
 """
-"""Of C, then those of C++, which includes the header too."""
 
 
 def _check_names(function: casadi.Function, name: str) -> None:
-    """Refuse names that C cannot have or has already.
-
-    Raises:
-        InputError: all of them at once.
-    """
     arguments = [*map(function.name_in, range(function.n_in())), *map(function.name_out, range(function.n_out()))]
     issues = [
         Issue(f"{word!r} is no C identifier that is free", hint="use letters, digits and _, and no word of C itself")
@@ -129,7 +103,6 @@ $prototypes
 
 
 def _memory_order(arguments: list[tuple[str, tuple[int, int]]], major: str) -> str:
-    """How the arguments are laid out in memory: of vectors there is one way only."""
     matrices = any(min(size) > 1 for _, size in arguments)
     return f"matrices {major}" if matrices else "vector" if len(arguments) == 1 else "vectors"
 
@@ -153,12 +126,7 @@ def c_text(functions: list[casadi.Function]) -> str:
 
 
 def row_function(function: casadi.Function, name: str) -> casadi.Function:
-    """The same function, dense, its outputs transposed: CasADi's column-major is then NumPy's and C's row-major.
-
-    Args:
-        function: SX or MX.
-        name: of the new one; CasADi refuses some words of C.
-    """
+    """The same function, dense, its outputs transposed: CasADi's column-major is then NumPy's and C's row-major."""
     kind = casadi.SX if function.is_a("SXFunction") else casadi.MX
     inputs: Any = [kind.sym(f"x{i}", *function.size_in(i)) for i in range(function.n_in())]
     outputs: Any = [casadi.densify(output).T for output in function.call(inputs)]

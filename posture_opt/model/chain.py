@@ -10,7 +10,7 @@ derivatives follow from. For factor i before factor j in the chain, with axis ``
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -21,46 +21,31 @@ from numpy.typing import ArrayLike
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Factor
 
-Scalar = Any
-"""A float, an array of shape (N,), or a CasADi expression: whatever the walk is fed with."""
+Scalar = Any  # A float, an array of shape (N,), or a CasADi expression: whatever the walk is fed with
+# A vector of numbers, an array of several, or a CasADi expression
 Values: TypeAlias = "ArrayLike | Sequence[Scalar] | ca.SX | ca.MX"
-"""A vector of numbers, an array of several, or a CasADi expression."""
-Stacked: TypeAlias = "Array | ca.SX"
-"""What comes of values: an array of numbers, or an expression where one of them is."""
-Vector = tuple[Scalar, Scalar, Scalar]
-"""Three scalars: world coordinates [m], or a direction."""
+Stacked: TypeAlias = "Array | ca.SX"  # What comes of values: an array of numbers, or an expression where one of them is
+Vector = tuple[Scalar, Scalar, Scalar]  # Three scalars: world coordinates [m], or a direction
+# The vector that is exactly zero; tested by identity, so that symbols that never move are left out of a graph
 ZERO: Vector = (0.0, 0.0, 0.0)
-"""The vector that is exactly zero; tested by identity, so that symbols that never move are left out of a graph."""
 
 
 @dataclass(frozen=True)
 class Screw:
-    """Where one factor acts.
+    """Where one factor acts."""
 
-    Args:
-        rotates: whether it turns; else it shifts.
-        axis: (3,) unit vector, world.
-        origin: (3,) a point on the axis [m], world.
-    """
-
-    rotates: bool
-    axis: Vector
-    origin: Vector
+    rotates: bool  # whether it turns; else it shifts
+    axis: Vector  # (3,) unit vector, world
+    origin: Vector  # (3,) a point on the axis [m], world
 
 
 @dataclass(frozen=True)
 class Walk:
-    """The pose of the tool in the world and the screw of every factor.
+    """The pose of the tool in the world and the screw of every factor."""
 
-    Args:
-        columns: (3, 3) the three columns of ``R_world_tool``.
-        position: (3,) the tool point [m], world.
-        screws: one a factor, in the order of the chain.
-    """
-
-    columns: tuple[Vector, Vector, Vector]
-    position: Vector
-    screws: tuple[Screw, ...]
+    columns: tuple[Vector, Vector, Vector]  # (3, 3) the three columns of R_world_tool
+    position: Vector  # (3,) the tool point [m], world
+    screws: tuple[Screw, ...]  # one a factor, in the order of the chain
 
 
 def cos_sin(angle: Scalar) -> tuple[Scalar, Scalar]:
@@ -76,13 +61,8 @@ def cos_sin(angle: Scalar) -> tuple[Scalar, Scalar]:
 def factor_values(
     factors: Sequence[Factor], q: Sequence[Scalar], p: Mapping[str, Scalar] | None = None
 ) -> list[Scalar]:
-    """The value of each factor, ``nominal + p[parameter] + q[joint]`` [rad or m].
-
-    Args:
-        factors: of the chain, or of a part of it.
-        q: (n,) joint variables [rad or m].
-        p: parameter -> deviation [rad or m]; parameters that are missing deviate by nothing.
-    """
+    """The value of each factor, ``nominal + p[parameter] + q[joint]`` [rad or m]. q: (n,) joint variables [rad or m];
+    p: parameter -> deviation [rad or m]; parameters that are missing deviate by nothing."""
     p = p or {}
     values: list[Scalar] = []
     for factor in factors:
@@ -97,20 +77,8 @@ def factor_values(
 
 def walk(factors: Sequence[Factor], values: Sequence[Scalar], begin: Walk | None = None) -> Walk:
     """Forward kinematics: the product of all factors, from the base to the tool; on from where ``begin`` ends.
-
-    ``screws`` are those of these factors alone.
-
-    Args:
-        factors: from the base to the tool.
-        values: of each factor [rad or m], see `factor_values`.
-        begin: an earlier walk to go on from; the world's frame if left out.
-
-    Example:
-        >>> from posture_opt.robot.robot import Factor
-        >>> reached = walk([Factor("rotate", 2), Factor("translate", 0)], [math.pi / 2, 0.5])
-        >>> reached.position
-        (0.0, 0.5, 0.0)
-    """
+    ``screws`` are those of these factors alone. values: of each factor [rad or m], see `factor_values`; begin: an
+    earlier walk to go on from; the world's frame if left out."""
     columns: list[Vector] = [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)] if begin is None else [*begin.columns]
     origin: Vector = (0.0, 0.0, 0.0) if begin is None else begin.position
     symbolic = any(isinstance(x, ca.SX) for x in (*values, *origin, *(x for column in columns for x in column)))
@@ -174,10 +142,8 @@ def dot(u: Sequence[Scalar], v: Sequence[Scalar]) -> Scalar:
 
 
 def stack(rows: Sequence[Sequence[Scalar]] | Sequence[Scalar]) -> Stacked:
-    """A nested tuple of scalars as one array: SX of the same shape, or NumPy with the batch axis first.
-
-    (r,) scalars become (r,) or (N, r), rows of c scalars (r, c) or (N, r, c); in CasADi a vector is a column (r, 1).
-    """
+    """A nested tuple of scalars as one array: SX of the same shape, or NumPy with the batch axis first. (r,) scalars
+    become (r,) or (N, r), rows of c scalars (r, c) or (N, r, c); in CasADi a vector is a column (r, 1)."""
     nested = [list(row) if isinstance(row, list | tuple) else [row] for row in rows]
     flat = [entry for row in nested for entry in row]
     if any(isinstance(entry, ca.SX) for entry in flat):
@@ -190,16 +156,8 @@ def stack(rows: Sequence[Sequence[Scalar]] | Sequence[Scalar]) -> Stacked:
 
 
 def split(values: Values, size: int, what: str) -> Sequence[Scalar]:
-    """The ``size`` entries of a vector: of an SX, a sequence, or an array whose last axis has that size.
-
-    Args:
-        values: (size,) or (..., size).
-        size: how many entries are wanted.
-        what: its name in the error.
-
-    Raises:
-        ValueError: another number of entries.
-    """
+    """The ``size`` entries of a vector: of an SX, a sequence, or an array whose last axis has that size. values:
+    (size,) or (..., size)."""
     if isinstance(values, ca.SX | ca.MX | ca.DM):
         entries: Sequence[Scalar] = ca.vertsplit(ca.vec(values))
         if isinstance(values, ca.DM):
@@ -215,13 +173,8 @@ def split(values: Values, size: int, what: str) -> Sequence[Scalar]:
 
 
 def displaced(reached: Walk, shift: Vector, turn: Vector) -> Walk:
-    """The walk with its tool shifted and turned behind the chain; screws stay those of the chain.
-
-    Args:
-        reached: the walk.
-        shift: (3,) of the tool point [m], world.
-        turn: (3,) small rotation of the tool [rad], world axes; to second order.
-    """
+    """The walk with its tool shifted and turned behind the chain; screws stay those of the chain. shift: (3,) of the
+    tool point [m], world; turn: (3,) small rotation of the tool [rad], world axes; to second order."""
     if shift is ZERO and turn is ZERO:
         return reached
     a, b, c = reached.columns
@@ -249,7 +202,6 @@ def rotation_column(walk: Walk, i: int) -> Vector:
 
 
 def _is_symbolic(x: Scalar) -> bool:
-    """Whether this is an expression of CasADi."""
     return isinstance(x, ca.SX | ca.MX)
 
 
@@ -281,3 +233,12 @@ def nearest_integer(x: Scalar) -> Scalar:
 def at_least(x: Scalar, bound: float) -> Scalar:
     """1 where ``x >= bound``, else 0."""
     return ca.SX(x >= bound) if _is_symbolic(x) else np.asarray(np.asarray(x) >= bound, dtype=float)
+
+
+def fixed_pose(factors: Iterable[Factor]) -> Array:
+    """(4, 4) the product of factors at the joint value zero, lengths in [m]."""
+    still = [Factor(f.kind, f.axis, f.nominal) for f in factors]
+    reached = walk(still, factor_values(still, ()))
+    (a, b, c), x = reached.columns, reached.position
+    rows = [(a[k], b[k], c[k], x[k]) for k in range(3)]
+    return np.asarray(stack([*rows, (0.0, 0.0, 0.0, 1.0)]), dtype=float)

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import casadi as ca
 
+# CasADi's operation on two numbers -> NumPy text of it
 _BINARY_TEXT = {
     ca.OP_ADD: "{0} + {1}", ca.OP_SUB: "{0} - {1}", ca.OP_MUL: "{0} * {1}", ca.OP_DIV: "{0} / {1}",
     ca.OP_POW: "{0} ** {1}", ca.OP_CONSTPOW: "{0} ** {1}", ca.OP_FMIN: "np.fmin({0}, {1})",
@@ -15,7 +16,7 @@ _BINARY_TEXT = {
     ca.OP_IF_ELSE_ZERO: "np.where({0}, {1}, 0.0)", ca.OP_COPYSIGN: "np.copysign({0}, {1})",
     ca.OP_FMOD: "np.fmod({0}, {1})", ca.OP_HYPOT: "np.hypot({0}, {1})",
 }  # fmt: skip
-"""CasADi's operation on two numbers -> NumPy text of it."""
+# CasADi's operation on one number -> NumPy text of it
 _UNARY_TEXT = {
     ca.OP_ASSIGN: "{0}", ca.OP_NEG: "-{0}", ca.OP_SQ: "{0} * {0}", ca.OP_TWICE: "2 * {0}", ca.OP_INV: "1 / {0}",
     ca.OP_SQRT: "np.sqrt({0})", ca.OP_SIN: "np.sin({0})", ca.OP_COS: "np.cos({0})", ca.OP_TAN: "np.tan({0})",
@@ -25,23 +26,13 @@ _UNARY_TEXT = {
     ca.OP_TANH: "np.tanh({0})", ca.OP_SINH: "np.sinh({0})", ca.OP_COSH: "np.cosh({0})", ca.OP_ERF: "_erf({0})",
     ca.OP_LOG1P: "np.log1p({0})", ca.OP_EXPM1: "np.expm1({0})",
 }  # fmt: skip
-"""CasADi's operation on one number -> NumPy text of it."""
 
 
 def python_source(function: ca.Function, name: str, outputs: Sequence[int] | None = None) -> str:
-    """The Python text of ``name(q)``: a tuple of outputs of a function of one vector, for arrays (..., n) too.
-
-    The lines are the steps of the function's expression graph; outputs of shape (m, k) are arrays (..., m, k), vectors
-    (..., m), scalars (...).
-
-    Args:
-        function: SX, of one vector (n,).
-        name: of the Python function.
-        outputs: which outputs, by index; all if left out.
-
-    Returns:
-        The text of one function, which uses ``np``, ``_shaped`` and, for the error function, ``_erf``.
-    """
+    """The Python text of ``name(q)``: a tuple of outputs of a function of one vector, for arrays (..., n) too. The
+    lines are the steps of the function's expression graph; outputs of shape (m, k) are arrays (..., m, k), vectors
+    (..., m), scalars (...). function: SX, of one vector (n,). Returns the text of one function, which uses ``np``,
+    ``_shaped`` and, for the error function, ``_erf``."""
     x = ca.SX.sym("q", *function.size_in(0))
     found = function.call([x])
     wanted = [ca.densify(ca.SX(found[i])) for i in (outputs or range(len(found)))]
@@ -53,13 +44,11 @@ def python_source(function: ca.Function, name: str, outputs: Sequence[int] | Non
 
 
 def _shape_text(size: tuple[int, int]) -> str:
-    """The shape of an output without the batch axes, as Python text."""
     rows, columns = size
     return repr((rows, columns) if columns > 1 else (rows,) if rows > 1 else ())
 
 
 def _step_lines(function: ca.Function) -> Iterator[str]:
-    """An assignment for each step, work variables named w0, w1, …; outputs are kept by place, column by column."""
     yield "q = np.asarray(q, dtype=float)"
     for i in range(function.n_out()):
         yield f"y{i} = [0.0] * {function.nnz_out(i)}"

@@ -12,10 +12,8 @@ from posture_opt.robot.robot import Robot
 
 
 def stretched(robot: Robot) -> tuple[Array, float]:
-    """(3,) the origin of the first joint [m], world, and a distance [m] from it that the tool point never exceeds.
-
-    The distance is the sum of all lengths behind the first joint, slides at their longest: the triangle inequality.
-    """
+    """(3,) the origin of the first joint [m], world, and a distance [m] from it that the tool point never exceeds. The
+    distance is the sum of all lengths behind the first joint, slides at their longest: the triangle inequality."""
     first = robot.driven[0]
     reached = walk(robot.factors, factor_values(robot.factors, [0.0] * robot.n))
     lengths = sum(abs(factor.nominal) for factor in robot.factors[first:] if factor.kind == "translate")
@@ -25,25 +23,18 @@ def stretched(robot: Robot) -> tuple[Array, float]:
 
 @dataclass(frozen=True)
 class Shell:
-    """Two spheres about the origin of the first joint: the tool point stays between them.
+    """Two spheres about the origin of the first joint: the tool point stays between them."""
 
-    Args:
-        centre: (3,) [m], world.
-        least, most: their radii [m].
-    """
-
-    centre: Array
-    least: float
+    centre: Array  # (3,) [m], world
+    least: float  # least, most: their radii [m]
     most: float
 
     @classmethod
     def of(cls, robot: Robot) -> Shell:
-        """The bounds of an arm by the triangle inequality, joint by joint from the tool to the base.
-
-        The origins of neighbouring joints keep their distance ℓ as joints turn, so that a point that stays between a
-        and b from one of them stays between ``max(ℓ − b, a − ℓ, 0)`` and ``ℓ + b`` from the next; a slide makes ℓ
-        longer or shorter by its stroke. Joint limits and what bodies are in the way only make the reach smaller.
-        """
+        """The bounds of an arm by the triangle inequality, joint by joint from the tool to the base. The origins of
+        neighbouring joints keep their distance ℓ as joints turn, so that a point that stays between a and b from one of
+        them stays between ``max(ℓ − b, a − ℓ, 0)`` and ``ℓ + b`` from the next; a slide makes ℓ longer or shorter by
+        its stroke. Joint limits and what bodies are in the way only make the reach smaller."""
         reached = walk(robot.factors, factor_values(robot.factors, [0.0] * robot.n))
         origins = [np.array(reached.screws[index].origin, dtype=float) for index in robot.driven]
         least, most, beyond = 0.0, 0.0, np.array(reached.position, dtype=float)

@@ -1,4 +1,4 @@
-"""``Problem``: a robot, the sources of its scatter, and what it has to do, ready to be computed with."""
+"""A problem: what its file says, changed by its keys, and written."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from posture_opt import explorer_of
 from posture_opt.errors import InputError, Issue, KeyPath
 from posture_opt.files import content, located, naming
 from posture_opt.model.effects import Effect
-from posture_opt.problem.camera_files import named_files
 from posture_opt.problem.effects_section import arm_with, moving_effects, noisy_sources
 from posture_opt.problem.fitting import (
     arm_of,
@@ -26,17 +26,14 @@ from posture_opt.problem.fitting import (
     sources_text,
     with_workpiece,
 )
+from posture_opt.problem.named_files import named_files, second_document, with_path
 from posture_opt.problem.parts import fixed_part, input_notes, parse_spec, part_notes, problem_notes, read_parts
-from posture_opt.problem.path_file import with_path
-from posture_opt.problem.plain_data import Plain, Section
-from posture_opt.problem.replacing import kept_of_task, replaced_data
-from posture_opt.problem.schema import ProblemSpec
-from posture_opt.problem.second_arms import second_document
-from posture_opt.problem.yaml_source import ProblemDocument
-from posture_opt.registration import registered
+from posture_opt.problem.schema import ProblemSpec, kept_of_task, replaced_data
+from posture_opt.problem.yaml_source import Plain, ProblemDocument, Section
+from posture_opt.robot.posture import Posture
 from posture_opt.robot.urdf_reader import MAX_BYTES
-from posture_opt.selection.fitted_arm import FittedArm
-from posture_opt.selection.problem_data import ProblemData
+from posture_opt.selection.answer.solution import Solution
+from posture_opt.selection.problem_data import FittedArm, ProblemData
 from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.uncertainty.sources.uncertainty_section import UncertaintySpec
 
@@ -44,10 +41,36 @@ if TYPE_CHECKING:
     from posture_opt.calibration.calibration import Calibration
     from posture_opt.diagnosis.diagnosis import Diagnosis
     from posture_opt.measurements.measurements import Measurements
-    from posture_opt.problem.live_page import LivePage
 
+
+class LivePage(Protocol):
+    """A live page in a browser, as `Problem.explore` starts it."""
+
+    @property
+    def url(self) -> str:
+        """Its address."""
+
+    @property
+    def target(self) -> tuple[float, float, float]:
+        """Where the tool point is asked for, x, y, z [m], world; it can be set, and the page follows."""
+
+    @target.setter
+    def target(self, position: Sequence[float]) -> None: ...
+
+    @property
+    def posture(self) -> Posture | None:
+        """The posture of the latest answer; None while none is feasible."""
+
+    @property
+    def solution(self) -> Solution | None:
+        """The latest answer; None while none is feasible."""
+
+    def close(self) -> None:
+        """End the page, and everything that it computes."""
+
+
+# Sections that speak of the robot and its measurements, wherever it is and whatever it does
 _ROBOT_SECTIONS = ("name", "robot", "uncertainty", "effects", "data")
-"""Sections that speak of the robot and its measurements, wherever it is and whatever it does."""
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -217,7 +240,6 @@ class Problem(ProblemData):
         )  # fmt: skip
 
     def _with_known(self, known: Sources, fit: FittedArm) -> Problem:
-        """The problem under the covariance and the scatter of a fit."""
         parameters, file = self.robot.parameters, fit.covariance_file if known.names else None
         named = replace(known, notes=(f"covariance from {file}",)) if file else known
         scatter = {name: rounded(sigma, parameters[name]) for name, sigma in fit.scatter.items()}
@@ -250,7 +272,7 @@ class Problem(ProblemData):
         Raises:
             InputError: no task, or viser is missing (``pip install 'posture_opt[explore]'``).
         """
-        page: LivePage = registered("explorer", self)(port=port, browser=browser, data=data)
+        page: LivePage = explorer_of(self)(port=port, browser=browser, data=data)
         return page
 
     def to_dict(self) -> Section:
@@ -305,21 +327,18 @@ class Problem(ProblemData):
         return {f"{stem}.yaml": commented(self.header, document).encode(), **further}
 
     def _found_second_arm(self, name: str, fit: FittedArm) -> Problem:
-        """The problem of a second arm as it was found with this one; what is stated of its scatter stays."""
         problem = self._second_arm(name)
         sigma = np.sqrt(np.diag(problem.stated.scatter))
         scatter = {n: float(s) for n, s in zip(problem.stated.names, sigma, strict=True) if s > 0}
         return problem.with_fit(replace(fit, scatter=scatter))
 
     def _second_arm(self, name: str) -> Problem:
-        """The problem of a second arm: as it was found with this one, or as its file has it."""
         if name in self.second_arms:
             return self.second_arms[name]
         path = located(self.folder, self.document["data"]["pairs"][name]["problem"])
         return build_problem(second_document(path), path.parent, path.stem)
 
     def _content(self, name: str) -> bytes:
-        """The content of a file that the document names."""
         if name in self.attached:
             return self.attached[name].encode()
         path = located(self.folder, name)
@@ -332,11 +351,7 @@ class Problem(ProblemData):
 def build_problem(
     document: ProblemDocument, folder: Path, name: str, *, attached: Mapping[str, str] | None = None
 ) -> Problem:
-    """The problem of a document; ``name`` serves where the document has none, ``attached`` for files that it names.
-
-    Raises:
-        InputError: everything wrong with the document, each with file, line and key.
-    """
+    """The problem of a document; ``name`` serves where the document has none, ``attached`` for files that it names."""
     texts = attached or {}
     spec, (nominal, arm), (stated, sources) = read_parts(document, folder, texts)
     return Problem(

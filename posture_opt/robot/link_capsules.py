@@ -11,16 +11,10 @@ from posture_opt.numerics import Array
 from posture_opt.robot.robot import Factor, Joint, Robot
 from posture_opt.robot.shape import BASE, TOOL, Capsule
 
+# Radius over the length of the arm where nothing else is known. Arms of known shape are about as thick: the upper arm
+# of a UR10 has 60 mm at 1.68 m, that of a Panda 60 mm at 1.39 m.
 STAND_IN_RADIUS_RATIO = 0.04
-"""Radius over the length of the arm where nothing else is known.
-
-Arms of known shape are about as thick: the upper arm of a UR10 has 60 mm at 1.68 m, that of a Panda 60 mm at 1.39 m.
-"""
-TOOL_RADIUS_M = 0.02
-"""Radius of a tool where none is stated: an ISO 9409-1 flange of 40 mm pitch circle, as small arms have it, carries
-tools that are no thinner at the flange. Assumed; reports say so."""
-_MIN_LENGTH_M = 1e-9
-"""Offsets shorter than this are rounding, no links; coordinates below it are written as zero."""
+_MIN_LENGTH_M = 1e-9  # Offsets shorter than this are rounding, no links; coordinates below it are written as zero
 
 
 def stand_in(robot: Robot) -> tuple[Capsule, ...]:
@@ -31,16 +25,10 @@ def stand_in(robot: Robot) -> tuple[Capsule, ...]:
 
 
 def along_links(robot: Robot, radius: float) -> tuple[Capsule, ...]:
-    """Capsules of one radius [m] along every offset between the frames of the chain, without the tool.
-
-    An offset behind a joint moves with it, one in front of it belongs to the link before. ``d`` and ``a`` of a DH link
-    are two capsules with a corner, x, y and z of a URDF origin one straight capsule. What slides is as long as its
-    stroke, so that it always reaches back to the link that carries it.
-
-    Args:
-        robot: the chain at its nominal values.
-        radius: of every capsule [m].
-    """
+    """Capsules of one radius [m] along every offset between the frames of the chain, without the tool. An offset behind
+    a joint moves with it, one in front of it belongs to the link before. ``d`` and ``a`` of a DH link are two capsules
+    with a corner, x, y and z of a URDF origin one straight capsule. What slides is as long as its stroke, so that it
+    always reaches back to the link that carries it. radius: of every capsule [m]."""
     before, found = BASE, []
     for joint, link in zip(robot.joints, robot.links, strict=True):
         at = next(i for i, factor in enumerate(link) if factor.joint is not None)
@@ -54,14 +42,9 @@ def along_links(robot: Robot, radius: float) -> tuple[Capsule, ...]:
 
 
 def tool_capsule(robot: Robot, free_end: float = 0.0) -> tuple[Capsule, ...]:
-    """The tool and what it holds: a capsule from the flange towards the tool point, in the tool frame.
-
-    Empty where the shape has the tool already, or nothing of it is left.
-
-    Args:
-        robot: with its tool.
-        free_end: length [m] in front of the tool point that does not belong to it, where the tool touches its target.
-    """
+    """The tool and what it holds: a capsule from the flange towards the tool point, in the tool frame. Empty where the
+    shape has the tool already, or nothing of it is left. free_end: length [m] in front of the tool point that does not
+    belong to it, where the tool touches its target."""
     if any(capsule.joint == TOOL for capsule in robot.shape):
         return ()
     T_tool_flange = np.linalg.inv(_product_of(robot.tool)).astype(np.float64)
@@ -74,11 +57,13 @@ def tool_capsule(robot: Robot, free_end: float = 0.0) -> tuple[Capsule, ...]:
 
 def tool_radius(robot: Robot) -> float:
     """Radius of the tool [m]: the stated one, else the default."""
-    return TOOL_RADIUS_M if robot.tool_radius is None else robot.tool_radius
+    # Radius of a tool where none is stated: an ISO 9409-1 flange of 40 mm pitch circle, as small arms have it, carries
+    # tools that are no thinner at the flange. Assumed; reports say so.
+    return 0.02 if robot.tool_radius is None else robot.tool_radius
 
 
+# Start and end (3,), (3,) [m] of a segment, in one frame
 Span = tuple[tuple[float, float, float], tuple[float, float, float]]
-"""Start and end (3,), (3,) [m] of a segment, in one frame."""
 
 
 def _offset_spans(factors: Sequence[Factor], T: Array) -> Iterator[Span]:
@@ -102,10 +87,7 @@ def _span_between(a: Array, b: Array) -> Iterator[Span]:
 
 def _stroke_span(joint: Joint, factor: Factor, T_link_joint: Array) -> Iterator[Span]:
     """The segment (3,), (3,) [m] that a slide covers back to its carrier, frame behind the joint; nothing of a turning
-    joint.
-
-    It reaches from the carrier at the longest stroke to that at the shortest, the slide's own zero included.
-    """
+    joint."""
     if factor.kind == "translate":
         ends = factor.nominal + joint.lower, factor.nominal + joint.upper, 0.0
         axis = T_link_joint[:3, factor.axis]

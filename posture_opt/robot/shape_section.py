@@ -47,11 +47,6 @@ class ShapeSection(Spec):
 
     @model_validator(mode="after")
     def _one_way(self) -> ShapeSection:
-        """The section as it is, where it says one thing.
-
-        Raises:
-            BadValueError: nothing is stated, or two that replace the robot's own.
-        """
         if self.radius is not None and self.replace is not None:
             raise BadValueError("radius and replace are both given", "keep one of them: each replaces the robot's own")
         if self.radius is None and self.replace is None and not self.add:
@@ -60,8 +55,8 @@ class ShapeSection(Spec):
         return self
 
 
+# What the key shape of a robot section may hold; a plain list adds to the shape of a robot that brings its own
 ShapeSpec = tuple[CapsuleSpec, ...] | ShapeSection
-"""What the key ``shape`` of a robot section may hold; a plain list adds to the shape of a robot that brings its own."""
 
 
 def replaces_shape(given: ShapeSpec | None) -> bool:
@@ -70,17 +65,9 @@ def replaces_shape(given: ShapeSpec | None) -> bool:
 
 
 def shaped(robot: Robot, given: ShapeSpec | None, T_last: Array | None = None) -> Robot:
-    """The robot with the shape that its section states, added to its own or in its place.
-
-    Args:
-        robot: as its format describes it, with the shape that the format brings.
-        given: the key ``shape``; None keeps what the format says.
-        T_last: (4, 4) the frame in which capsules of the last joint are stated, in the frame behind that joint, lengths
-            in [m]; None where they are the same.
-
-    Raises:
-        InputError: capsules of joints that the robot lacks; keys relative to the ``robot`` section.
-    """
+    """The robot with the shape that its section states, added to its own or in its place. given: the key ``shape``;
+    None keeps what the format says; T_last: (4, 4) the frame in which capsules of the last joint are stated, in the
+    frame behind that joint, lengths in [m]; None where they are the same."""
     if given is None:
         return robot
     section = given if isinstance(given, ShapeSection) else ShapeSection.model_construct(add=given)
@@ -111,7 +98,6 @@ def _located(capsule: Capsule, robot: Robot, T_last: Array | None) -> Capsule:
 
 
 def _unknown_joints(robot: Robot, part: str, specs: Sequence[CapsuleSpec]) -> list[Issue]:
-    """The capsules of a list whose joints the robot lacks."""
     known = (*robot.joint_names, BASE, TOOL)
     return [
         Issue("the robot has no such joint", ("shape", part, i, "joint"), spec.joint, did_you_mean(spec.joint, known))
@@ -121,7 +107,6 @@ def _unknown_joints(robot: Robot, part: str, specs: Sequence[CapsuleSpec]) -> li
 
 
 def _repeated(part: str, specs: Sequence[CapsuleSpec]) -> list[Issue]:
-    """The capsules that are in a list before."""
     first = {spec.capsule(): i for i, spec in reversed([*enumerate(specs)])}
     return [
         Issue(f"the same capsule as entry {first[spec.capsule()]}", ("shape", part, i), hint="leave one of the two out")
@@ -131,6 +116,5 @@ def _repeated(part: str, specs: Sequence[CapsuleSpec]) -> list[Issue]:
 
 
 def _gone(robot: Robot, capsules: Sequence[Capsule]) -> tuple[str, ...]:
-    """Joints with a capsule of the arm's own shape and none of the given ones."""
     given = {capsule.joint for capsule in capsules}
     return tuple(dict.fromkeys(capsule.joint for capsule in robot.shape if capsule.joint not in given))

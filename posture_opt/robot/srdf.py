@@ -16,28 +16,19 @@ from posture_opt.robot.urdf_reader import MAX_BYTES, MAX_NUMBER, Element, read_e
 from posture_opt.robot.urdf_tree import UrdfTree
 from posture_opt.texts import text_fault
 
-_FREE_JOINTS = ("floating", "planar")
-"""Types of joints with several values, as of a base that drives: never in a chain."""
+_FREE_JOINTS = ("floating", "planar")  # Types of joints with several values, as of a base that drives: never in a chain
 
 
 @dataclass(frozen=True)
 class Srdf:
-    """The parts of an SRDF that count here.
+    """The parts of an SRDF that count here."""
 
-    Args:
-        disabled: pairs of links whose collisions are not checked.
-        states: name -> joint -> value [rad or m].
-    """
-
-    disabled: frozenset[frozenset[str]]
-    states: dict[str, dict[str, float]]
+    disabled: frozenset[frozenset[str]]  # pairs of links whose collisions are not checked
+    states: dict[str, dict[str, float]]  # name -> joint -> value [rad or m]
 
     def allowed_pairs(self, carried: dict[str, list[str]]) -> frozenset[frozenset[str]]:
-        """Pairs of joints of which no link is checked against a link of the other.
-
-        Args:
-            carried: joint, or ``base`` -> the links with a shape that are fixed to what it moves.
-        """
+        """Pairs of joints of which no link is checked against a link of the other. carried: joint, or ``base`` -> the
+        links with a shape that are fixed to what it moves."""
         names = list(carried)
         return frozenset(
             frozenset((a, b))
@@ -58,11 +49,7 @@ class Srdf:
 
 
 def read_srdf(folder: Path, file: str, tree: UrdfTree) -> Srdf:
-    """The SRDF in ``file``, named from ``folder``, of the robot of a URDF.
-
-    Raises:
-        InputError: no such file, no SRDF, values that are no numbers, or one of another robot; under the key ``srdf``.
-    """
+    """The SRDF in ``file``, named from ``folder``, of the robot of a URDF."""
     try:
         path = located(folder, file)
         root = read_elements(content(path, MAX_BYTES))[0]
@@ -92,13 +79,8 @@ def _pairs(root: Element) -> Iterator[frozenset[str]]:
 
 
 def _states(root: Element, single: set[str]) -> dict[str, dict[str, float]]:
-    """The named states; of several of one name, in several groups, the one with most joints.
-
-    Values of joints with several degrees of freedom, which are none of the ``single`` ones, are left out.
-
-    Raises:
-        InputError: a value that is no number, or a state of a group, or a joint of a state, that is stated twice.
-    """
+    """The named states; of several of one name, in several groups, the one with most joints. Values of joints with
+    several degrees of freedom, which are none of the ``single`` ones, are left out."""
     found: dict[str, dict[str, float]] = {}
     stated: set[tuple[str, str]] = set()
     for state in root.each("group_state"):
@@ -133,11 +115,6 @@ def _value(joint: Element) -> float:
 
 
 def _text(element: Element, key: str) -> str:
-    """An attribute; empty where it is missing.
-
-    Raises:
-        InputError: it holds a line break, or what else no text may hold.
-    """
     given = element.attributes.get(key, "")
     fault = text_fault(given)
     if fault is not None:

@@ -16,8 +16,8 @@ from posture_opt.errors import BadValueError, InputError, Issue, listed
 from posture_opt.files import content, located
 from posture_opt.limits import MOST_JOINTS
 from posture_opt.numerics import Array
+from posture_opt.robot.corrections import with_velocities
 from posture_opt.robot.format import FULL_TURN, RobotFormat, check_joint_name
-from posture_opt.robot.joint_velocities import with_velocities
 from posture_opt.robot.robot import Joint, Robot, UrdfDescription
 from posture_opt.robot.shape import BASE
 from posture_opt.robot.shape_section import replaces_shape, shaped
@@ -28,8 +28,8 @@ from posture_opt.robot.urdf_shape import Carried, UrdfShape, urdf_shape
 from posture_opt.robot.urdf_tip import ChosenTip, chosen_tip
 from posture_opt.robot.urdf_tree import UrdfJoint, UrdfTree
 
+# Types of URDF joints with one variable; continuous is a revolute joint without limits
 _MOVING_TYPES = ("revolute", "continuous", "prismatic")
-"""Types of URDF joints with one variable; ``continuous`` is a revolute joint without limits."""
 
 
 class UrdfRobot(RobotFormat):
@@ -57,12 +57,7 @@ class UrdfRobot(RobotFormat):
     )
 
     def nominal(self, folder: Path) -> Robot:
-        """The chain in numbers.
-
-        Raises:
-            InputError: no such file, no URDF, no such link, no chain between the links, or a joint in it that a
-                serial arm with one variable a joint cannot have (mimic, floating, planar).
-        """
+        """The chain in numbers."""
         file = self._located_file(folder)
         tree = read_urdf(file)
         tip = self._tip(tree)
@@ -90,50 +85,27 @@ class UrdfRobot(RobotFormat):
         return robot if self.srdf is None else _with_srdf(robot, tree, path[0].parent, segments, folder, self.srdf)
 
     def _located_file(self, folder: Path) -> Path:
-        """The path of the key ``file``.
-
-        Raises:
-            InputError: no path can have this name.
-        """
+        """The path of the key ``file``."""
         try:
             return located(folder, self.file)
         except InputError as error:
             raise InputError([issue.at("file") for issue in error.issues]) from None
 
     def chosen_tip(self, folder: Path) -> ChosenTip:
-        """The last link of the chain; where the section does not name it, with what was assumed.
-
-        Raises:
-            InputError: as of ``nominal``.
-        """
+        """The last link of the chain; where the section does not name it, with what was assumed."""
         return self._tip(read_urdf(self._located_file(folder)))
 
     def _base(self, tree: UrdfTree) -> str:
-        """The first link of the chain.
-
-        Raises:
-            InputError: no such link, or several roots of which none is named.
-        """
         base = self.base_link or _only_root(tree.roots())
         tree.require(base, "base_link")
         return base
 
     def _tip(self, tree: UrdfTree) -> ChosenTip:
-        """The last link of the chain.
-
-        Raises:
-            InputError: no such link, or several of which none is named.
-        """
         tip = ChosenTip(self.tip_link) if self.tip_link else chosen_tip(tree, self._base(tree))
         tree.require(tip.link, "tip_link")
         return tip
 
     def _chain_path(self, tree: UrdfTree, tip: str) -> list[UrdfJoint]:
-        """The joints from the base link to the tip link, fixed ones included.
-
-        Raises:
-            InputError: no chain between the two.
-        """
         base = self._base(tree)
         path = tree.path(base, tip)
         if not path and tip == base:
@@ -148,11 +120,6 @@ class UrdfRobot(RobotFormat):
 def _with_srdf(
     robot: Robot, tree: UrdfTree, base_link: str, segments: Sequence[ChainSegment], folder: Path, file: str
 ) -> Robot:
-    """The robot with the named postures of an SRDF, and the pairs of joints that it does not check.
-
-    Raises:
-        InputError: the file cannot be used.
-    """
     found = read_srdf(folder, file, tree)
     bodies = {BASE: base_link, **{segment.moving.name: segment.moving.child for segment in segments}}
     carried = {
@@ -166,11 +133,9 @@ def _with_srdf(
 
 
 def _own_shape(tree: UrdfTree, base_link: str, segments: Sequence[ChainSegment], end: Array, file: Path) -> UrdfShape:
-    """The shape of the file's ``<collision>`` elements, capsules in the frame behind each joint.
-
-    Behind the last joint that is the flange, whatever is fixed in between: ``end`` (4, 4) is the child link of that
-    joint in it, lengths in [m].
-    """
+    """The shape of the file's ``<collision>`` elements, capsules in the frame behind each joint. Behind the last joint
+    that is the flange, whatever is fixed in between: ``end`` (4, 4) is the child link of that joint in it, lengths in
+    [m]."""
     frames = [*[np.eye(4)] * (len(segments) - 1), end]
     carried = [
         Carried(segment.moving.name, segment.moving.child, T) for segment, T in zip(segments, frames, strict=True)
@@ -179,11 +144,6 @@ def _own_shape(tree: UrdfTree, base_link: str, segments: Sequence[ChainSegment],
 
 
 def _only_root(links: list[str]) -> str:
-    """The root link of a file that has one.
-
-    Raises:
-        InputError: several roots: links that are not connected by joints.
-    """
     if len(links) == 1:
         return links[0]
     message = f"the URDF has {len(links)} root links, the file falls apart"
@@ -191,7 +151,6 @@ def _only_root(links: list[str]) -> str:
 
 
 def _chain_faults(path: list[UrdfJoint]) -> Iterator[Issue]:
-    """Every joint of the chain that cannot be used, and a chain without moving joints or with too many."""
     moving = [joint for joint in path if joint.type != "fixed"]
     for joint in moving:
         try:
@@ -206,11 +165,6 @@ def _chain_faults(path: list[UrdfJoint]) -> Iterator[Issue]:
 
 
 def _check_joint(joint: UrdfJoint) -> None:
-    """Refuse a moving joint that cannot be in the chain.
-
-    Raises:
-        BadValueError: a mimic joint, a type with several variables, an axis of length zero, no or crossed limits.
-    """
     name, chain = f"joint '{joint.name}'", f"only {', '.join(_MOVING_TYPES)} and fixed joints can be in the chain"
     if joint.mimics:
         message = f"{name} mimics '{joint.mimics}': coupled joints cannot be in the chain"
@@ -243,10 +197,8 @@ def pitched_rolls(robot: Robot) -> tuple[str, ...]:
 
 
 def _joint_of(tree: UrdfTree, segment: ChainSegment) -> Joint:
-    """The joint with the mass [kg] of all that is fixed to its child link and their common centre (3,) [m].
-
-    ``com = Σ m_i c_i / Σ m_i``, in the frame behind the segment.
-    """
+    """The joint with the mass [kg] of all that is fixed to its child link and their common centre (3,) [m]. ``com = Σ
+    m_i c_i / Σ m_i``, in the frame behind the segment."""
     moving = segment.moving
     T_child_end = segment.T_child_end
     bodies = [(tree.inertials[link], T) for link, T in tree.rigid(moving.child) if link in tree.inertials]
@@ -263,5 +215,4 @@ def _joint_of(tree: UrdfTree, segment: ChainSegment) -> Joint:
 
 
 def _known(limit: float | None) -> float:
-    """A limit of speed or torque; NaN where the file has none: zero stands for unknown in many files."""
     return limit if limit is not None and limit > 0 else math.nan

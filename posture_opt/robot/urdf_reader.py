@@ -22,10 +22,8 @@ from posture_opt.robot.urdf_tree import Collision, Inertial, UrdfJoint, UrdfTree
 from posture_opt.texts import one_line, text_fault
 from posture_opt.units import NEGLIGIBLE
 
-MAX_ELEMENTS = 100_000
-"""Elements of a file; a humanoid with hands has some ten thousand."""
-MAX_NESTED = 100
-"""Elements inside each other; a description of a robot has five, its plug-ins some more."""
+MAX_ELEMENTS = 100_000  # Elements of a file; a humanoid with hands has some ten thousand
+MAX_NESTED = 100  # Elements inside each other; a description of a robot has five, its plug-ins some more
 
 
 @dataclass(frozen=True)
@@ -47,13 +45,7 @@ class Element:
 
 
 def read_elements(data: bytes) -> tuple[Element, ...]:
-    """All elements of an XML document in the order of the file, the outermost first.
-
-    Raises:
-        InputError: no well-formed XML, more than ``MAX_ELEMENTS`` elements, or ``MAX_NESTED`` of them inside each
-            other, or a DOCTYPE: what an entity of it stands for is seen by some readers and not by others, and 0.5
-            could become 5.
-    """
+    """All elements of an XML document in the order of the file, the outermost first."""
     reader = _ElementReader()
     try:
         reader.parser.Parse(data, True)
@@ -76,11 +68,6 @@ class _ElementReader:
         self.parser.EndElementHandler = self._end
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
-        """A new element inside the one that is open.
-
-        Raises:
-            InputError: the file has more than ``MAX_ELEMENTS``, or more than ``MAX_NESTED`` inside each other.
-        """
         if len(self.around) == MAX_NESTED:
             message = f"more than {MAX_NESTED} elements stand inside each other, which no robot description has"
             raise InputError(Issue(message, line=self.parser.CurrentLineNumber))
@@ -96,18 +83,13 @@ class _ElementReader:
         self.around.pop()
 
     def _doctype(self, name: str, *declared: object) -> NoReturn:
-        """Refuses a document type.
-
-        Raises:
-            InputError: always.
-        """
         hint = "remove <!DOCTYPE …>, and write numbers and names in place of its &entities;"
         message = "a robot description has no DOCTYPE and no entities"
         raise InputError(Issue(message, hint=hint, line=self.parser.CurrentLineNumber))
 
 
-MAX_NUMBER = 1e18
-"""Limits of 1e16 mean that there is none; up to here squares of squares are still numbers."""
+MAX_NUMBER = 1e18  # Limits of 1e16 mean that there is none; up to here squares of squares are still numbers
+# Geometry -> its attributes, and how many numbers each holds
 _GEOMETRY_SIZES = {
     # geometry -> its attributes, and how many numbers each holds
     "box": (("size", 3),),
@@ -116,17 +98,11 @@ _GEOMETRY_SIZES = {
     "sphere": (("radius", 1),),
     "mesh": (("scale", 3),),
 }
-"""Geometry -> its attributes, and how many numbers each holds."""
-MAX_BYTES = 50_000_000
-"""Largest URDF file that is read; a robot of some hundred links takes a few hundred kB."""
+MAX_BYTES = 50_000_000  # Largest URDF file that is read; a robot of some hundred links takes a few hundred kB
 
 
 def read_urdf(path: Path) -> UrdfTree:
-    """The tree of the file at ``path``; lengths in [m], angles in [rad].
-
-    Raises:
-        InputError: no such file, not XML, not a URDF, a part missing, numbers that are none, or no tree.
-    """
+    """The tree of the file at ``path``; lengths in [m], angles in [rad]."""
     try:
         return urdf_tree(content(path, MAX_BYTES), path.name)
     except InputError as error:
@@ -134,11 +110,7 @@ def read_urdf(path: Path) -> UrdfTree:
 
 
 def urdf_tree(data: bytes, name: str) -> UrdfTree:
-    """The tree of a URDF that is called ``name``; lengths in [m], angles in [rad].
-
-    Raises:
-        InputError: as of `read_urdf`, without the path.
-    """
+    """The tree of a URDF that is called ``name``; lengths in [m], angles in [rad]."""
     return _tree_of(_robot_element(data, name), Path(name).stem)
 
 
@@ -164,7 +136,6 @@ def _robot_element(data: bytes, name: str) -> Element:
 
 
 def _xacro_issue(element: Element) -> Issue | None:
-    """The issue about an element that xacro has still to expand; that a file declares its namespace is no proof."""
     given = [f'{key}="{value}"' for key, value in element.attributes.items() if "${" in value or "$(" in value]
     if element.tag.startswith("xacro:"):
         found = f"<{element.tag}>"
@@ -177,11 +148,7 @@ def _xacro_issue(element: Element) -> Issue | None:
 
 
 def _tree_of(robot: Element, stem: str) -> UrdfTree:
-    """The tree of an element ``<robot>``; ``stem`` of the file name stands in for a missing name.
-
-    Raises:
-        InputError: everything wrong with links and joints, or with how they are connected.
-    """
+    """The tree of an element ``<robot>``; ``stem`` of the file name stands in for a missing name."""
     reader = _UrdfReader([])
     links = [(reader.name(element), element) for element in robot.each("link")]
     tree = UrdfTree(
@@ -253,7 +220,6 @@ class _UrdfReader:
                         yield Collision(geometry.tag, size, self._origin_of(collision, owner), file)  # type: ignore[arg-type]
 
     def _geometry_numbers(self, geometry: Element, owner: str) -> tuple[float, ...]:
-        """The numbers that the attributes of a geometry hold, in that order; a missing scale is 1."""
         given = [
             (key, geometry.attributes[key], n) for key, n in _GEOMETRY_SIZES[geometry.tag] if key in geometry.attributes
         ]
@@ -282,8 +248,7 @@ class _UrdfReader:
 
     def _origin_of(self, element: Element, owner: str) -> Array:
         """(4, 4) the element's ``<origin>`` in the frame of its owner, lengths in [m]; the identity where there is
-        none.
-        """
+        none."""
         origin = element.first("origin")
         return _origin_transform(self._three_numbers(origin, "xyz", owner), self._three_numbers(origin, "rpy", owner))
 
@@ -295,7 +260,6 @@ class _UrdfReader:
         return np.array(self._finite_numbers(element, key, given.split(), 3, owner))
 
     def _one_number(self, element: Element | None, key: str, owner: str) -> float | None:
-        """One number of an attribute; None where it is left out."""
         given = element.attributes.get(key) if element else None
         return None if element is None or given is None else self._finite_numbers(element, key, [given], 1, owner)[0]
 
@@ -313,7 +277,6 @@ class _UrdfReader:
 
 
 def _float_or_nan(word: str) -> float:
-    """The number that a word is; NaN where it is none."""
     try:
         return float(word)
     except ValueError:

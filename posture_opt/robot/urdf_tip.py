@@ -1,37 +1,31 @@
-"""Which link of a URDF carries the tool, where the file leaves it open."""
+"""Which link of a URDF carries the tool, where the file leaves it open: fingers end the chain of the arm."""
 
 from __future__ import annotations
 
+import math
 import re
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 from posture_opt.errors import InputError, Issue, listed
-from posture_opt.robot.urdf_fingers import Fingers
 from posture_opt.robot.urdf_tree import UrdfJoint, UrdfTree
 
-FLANGE = "tool0"
-"""ROS-Industrial's name of the tool flange."""
+_FINGER_NAME = re.compile(r"finger|grip|jaw|knuckle|claw|thumb", re.IGNORECASE)
+_WRIST_NAME = re.compile(r"roll|rotat|wrist|pitch|yaw|tilt", re.IGNORECASE)  # it may be named after what it turns
 _TOOL_NAME = re.compile(r"(^|_)(tool|tcp|eef?|end_effector|flange)(_link|_frame)?$", re.IGNORECASE)
-_MAX_LISTED_LINKS = 12
-"""Links that a message lists; hands have more leaves than a reader compares."""
 
 
 @dataclass(frozen=True)
 class ChosenTip:
-    """The end of a chain that the file leaves open.
-
-    Args:
-        link: the last link of the chain.
-        fingers: joints that move fingers of a gripper behind it and are no part of the chain, each with the reason.
-        others: further links that the chain could end at.
-    """
+    """The end of a chain that the file leaves open."""
 
     link: str
-    fingers: tuple[tuple[str, str], ...] = ()
-    others: tuple[str, ...] = ()
+    fingers: tuple[tuple[str, str], ...] = ()  # joints of a gripper behind it that are no part of the chain, and why
+    others: tuple[str, ...] = ()  # further links that the chain could end at
 
     def notes(self) -> tuple[str, ...]:
-        """What was assumed, where anything was."""
         if not self.fingers:
             return ()
         joints = listed([f"{joint} ({why})" for joint, why in self.fingers])
@@ -40,30 +34,24 @@ class ChosenTip:
 
 
 def chosen_tip(tree: UrdfTree, base: str) -> ChosenTip:
-    """The last link behind ``base`` that carries no finger: the only one, else ``tool0``, else the only one that is
-    named after a tool.
-
-    Raises:
-        InputError: several such links, all of them listed with their joints, and the link that carries fingers.
-    """
-    fingers = Fingers(tree, base)
-    named = tuple((joint.name, fingers.reasons[joint.name]) for joint in fingers.first())
-    leaves = fingers.leaves()
-    moved = [leaf for leaf in leaves if _moves(tree, base, leaf)] or leaves
+    """The last link behind ``base`` that carries no finger: the only one, else ``tool0``, ROS-Industrial's name of the
+    tool flange, else the only one that is named after a tool."""
+    fingers = _Fingers(tree, base)
+    reasons = fingers.reasons()
+    carried = {joint.child for joint in tree.joints if joint.name in reasons}
+    first = [j for j in fingers.moving if j.name in reasons and not fingers.links_before(j) & carried]
+    leaves = tree.leaves(base, reasons)
+    moved = [leaf for leaf in leaves if tree.moving(base, leaf)] or leaves
     tools = [leaf for leaf in moved if _TOOL_NAME.search(leaf)]
-    for options in (leaves, [leaf for leaf in leaves if leaf == FLANGE], moved, tools):
+    for options in (leaves, [leaf for leaf in leaves if leaf == "tool0"], moved, tools):
         if len(options) == 1:
             link = options[0]
             ends = dict.fromkeys((*moved, *tree.leaves(base)))
-            return ChosenTip(link, named, tuple(leaf for leaf in ends if leaf != link and _moves(tree, base, leaf)))
+            others = tuple(leaf for leaf in ends if leaf != link and tree.moving(base, leaf))
+            return ChosenTip(link, tuple((joint.name, reasons[joint.name]) for joint in first), others)
     message = f"the URDF has {len(moved)} last links behind '{base}'"
-    named_links = listed(_tip_options(tree, base), _MAX_LISTED_LINKS)
-    raise InputError(Issue(message, ("tip_link",), None, f"name one: tip_link: {named_links}"))
-
-
-def _moves(tree: UrdfTree, base: str, link: str) -> bool:
-    """Whether a joint moves between ``base`` and ``link``."""
-    return any(joint.type != "fixed" for joint in tree.path(base, link))
+    options_text = listed(_tip_options(tree, base), 12)  # hands have more leaves than a reader compares
+    raise InputError(Issue(message, ("tip_link",), None, f"name one: tip_link: {options_text}"))
 
 
 def _tip_options(tree: UrdfTree, base: str) -> list[str]:
@@ -71,29 +59,117 @@ def _tip_options(tree: UrdfTree, base: str) -> list[str]:
     paths = {leaf: tree.path(base, leaf) for leaf in tree.leaves(base)}
     fixed = [leaf for leaf, path in paths.items() if path and path[-1].type == "fixed"]
     moving = [leaf for leaf in paths if leaf not in fixed]
-    carriers = dict.fromkeys(_carrier_link(paths[leaf], base) for leaf in moving)
-    between = [link for link in carriers if link != base and link not in paths]
-    words = {leaf: _chain_words(path) for leaf, path in paths.items()}
-    words |= {
-        link: f"{_chain_words(tree.path(base, link))}, carries {_finger_links(paths, link, moving, base)}"
-        for link in between
-    }
+    # The parent link of the last moving joint before each leaf.
+    carriers = {leaf: (tree.moving(base, leaf) or [None])[-1] for leaf in moving}
+    carrier_links = {leaf: joint.parent if joint else base for leaf, joint in carriers.items()}
+    between = [link for link in dict.fromkeys(carrier_links.values()) if link != base and link not in paths]
+    words = {link: _chain_words(tree.moving(base, link)) for link in (*paths, *between)}
+    for link in between:
+        words[link] += f", carries {', '.join(leaf for leaf in moving if carrier_links[leaf] == link)}"
     return [f"{link} ({words[link]})" for link in (*fixed, *between, *moving)]
 
 
-def _carrier_link(path: list[UrdfJoint], base: str) -> str:
-    """The parent link of the last moving joint of a path; ``base`` where none moves."""
-    return next((joint.parent for joint in reversed(path) if joint.type != "fixed"), base)
-
-
-def _finger_links(paths: dict[str, list[UrdfJoint]], link: str, moving: list[str], base: str) -> str:
-    """The last links that a link carries by one moving joint, as one text."""
-    return ", ".join(leaf for leaf in moving if _carrier_link(paths[leaf], base) == link)
-
-
-def _chain_words(path: list[UrdfJoint]) -> str:
-    """How many joints move on a path, and that it is not possible where one of them mimics another."""
-    turning = [joint for joint in path if joint.type != "fixed"]
-    mimics = [joint.name for joint in turning if joint.mimics]
-    count = f"{len(turning)} {'joint' if len(turning) == 1 else 'joints'}"
+def _chain_words(moving: list[UrdfJoint]) -> str:
+    count = f"{len(moving)} {'joint' if len(moving) == 1 else 'joints'}"
+    mimics = [joint.name for joint in moving if joint.mimics]
     return f"{count}, not possible: {mimics[0]} mimics another" if mimics else count
+
+
+@dataclass(frozen=True)
+class _Fingers:
+    """The joints behind ``base`` that move fingers, or fix one.
+
+    A joint is one where all that moves behind it are fingers too, and
+
+    - its name is that of a finger, ``left_jaw``, and that of the first joint is not, or
+    - the link that carries it carries another of the same type, range and number of joints behind, fewer than the arm
+      has in front, or
+    - it mimics a finger, or a finger mimics it, or
+    - it is the last of at least four moving joints, and slides by at most 80 mm.
+    """
+
+    tree: UrdfTree
+    base: str
+
+    def reasons(self) -> dict[str, str]:
+        """Name of each of these joints -> why it is one."""
+        found: dict[str, str] = {}
+        while added := {name: why for name, why in self._next(found) if name not in found}:
+            found |= added
+        return found
+
+    def links_before(self, joint: UrdfJoint) -> set[str]:
+        return {self.base, *(before.child for before in self.tree.path(self.base, joint.parent))}
+
+    def _before(self, joint: UrdfJoint) -> list[UrdfJoint]:
+        return self.tree.moving(self.base, joint.parent)
+
+    @cached_property
+    def moving(self) -> tuple[UrdfJoint, ...]:
+        found, open_links = [], [self.base]
+        while open_links:
+            below = self.tree.below(open_links.pop())
+            found += [joint for joint in below if joint.type != "fixed"]
+            open_links += [joint.child for joint in below]
+        return tuple(found)
+
+    @cached_property
+    def _behind(self) -> dict[str, list[UrdfJoint]]:
+        behind: dict[str, list[UrdfJoint]] = {joint.name: [] for joint in self.moving}
+        for joint in self.moving:
+            for before in self._before(joint):
+                behind[before.name].append(joint)
+        return behind
+
+    @cached_property
+    def _alike(self) -> frozenset[str]:
+        """Joints of which another like them is on the same rigid body of the arm."""
+        groups: dict[tuple[str, str, int], list[UrdfJoint]] = defaultdict(list)
+        for joint in self.moving:
+            body = [self.base, *(before.child for before in self._before(joint))][-1]
+            groups[(body, joint.type, len(self._behind[joint.name]))].append(joint)
+        return frozenset(
+            joint.name
+            for (_, _, behind), group in groups.items()
+            for joint in group
+            if sum(_same_range(joint, other) for other in group) > 1 and behind + 1 < len(self._before(joint))
+        )
+
+    def _named(self, joint: UrdfJoint) -> bool:
+        before = self._before(joint)
+        return bool(before) and _finger_named(joint.name) and not _finger_named(before[0].name)
+
+    def _next(self, found: Mapping[str, str]) -> Iterator[tuple[str, str]]:
+        """Joints that are fingers, given those that are ``found`` to be; each with the reason."""
+        masters = {joint.mimics for joint in self.moving if joint.name in found and joint.mimics}
+        for joint in self.moving:
+            behind, before = self._behind[joint.name], len(self._before(joint))
+            if joint.name in self._alike:
+                yield from ((one.name, "beside another like it on the same link") for one in (joint, *behind))
+            if any(other.name not in found for other in behind) or not before:
+                continue
+            # Franka hand 40 mm, WSG 50 55 mm; quills of SCARA robots and linear axes have 100 mm or more.
+            short = joint.type == "prismatic" and _range(joint) <= 0.08
+            if self._named(joint):
+                yield joint.name, "by its name"
+            elif joint.mimics in found or joint.name in masters:
+                yield joint.name, "coupled with a finger by <mimic>"
+            elif not behind and short and before >= 3:  # so many give the arm its position
+                yield joint.name, "a slide with a short stroke at the end"
+        for joint in self.tree.joints:  # of grippers that are drawn closed
+            if joint.type == "fixed" and "finger" in joint.name.lower() and self._named(joint):
+                yield joint.name, "by its name"
+
+
+def _finger_named(name: str) -> bool:
+    return bool(_FINGER_NAME.search(name)) and not _WRIST_NAME.search(name)
+
+
+def _range(joint: UrdfJoint) -> float:
+    """How far the joint moves [rad or m]; infinite where it has no limits."""
+    return math.inf if joint.lower is None or joint.upper is None else abs(joint.upper - joint.lower)
+
+
+def _same_range(one: UrdfJoint, other: UrdfJoint) -> bool:
+    a, b = _range(one), _range(other)
+    return a == b or abs(a - b) <= 0.01 * min(a, b)

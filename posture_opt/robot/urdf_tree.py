@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Container, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
@@ -16,94 +16,68 @@ from posture_opt.numerics import Array
 
 @dataclass(frozen=True)
 class UrdfJoint:
-    """A joint as it is in the file.
+    """A joint as it is in the file."""
 
-    Args:
-        name, type: as written; ``type`` is not checked here.
-        parent, child: names of the two links.
-        origin: (4, 4) T_parent_joint, lengths in [m]; ``rpy`` (3,) the angles that the file states for it [rad], which
-            cannot be recovered from the matrix at a pitch of ±90°.
-        axis: (3,) in the joint frame, of any length.
-        lower, upper: [rad] or [m]; ``velocity`` [rad/s] or [m/s]; ``effort`` [N m] or [N]; None where the file has
-            none.
-        mimics: the joint that this one follows, or an empty text.
-        line: where in the file it begins.
-    """
-
-    name: str
+    name: str  # name, type: as written; type is not checked here
     type: str
-    parent: str
+    parent: str  # parent, child: names of the two links
     child: str
+    # (4, 4) T_parent_joint, lengths in [m]; rpy (3,) the angles that the file states for it [rad], which cannot be
+    # recovered from the matrix at a pitch of ±90°
     origin: Array
     rpy: tuple[float, float, float]
-    axis: Array
+    axis: Array  # (3,) in the joint frame, of any length
+    # lower, upper: [rad] or [m]; velocity [rad/s] or [m/s]; effort [N m] or [N]; None where the file has none
     lower: float | None
     upper: float | None
     velocity: float | None
     effort: float | None
-    mimics: str
-    line: int
+    mimics: str  # the joint that this one follows, or an empty text
+    line: int  # where in the file it begins
 
 
 @dataclass(frozen=True)
 class Inertial:
-    """Mass and centre of mass of a link; moments of inertia are not read, as nothing here is dynamic.
+    """Mass and centre of mass of a link; moments of inertia are not read, as nothing here is dynamic."""
 
-    Args:
-        mass: [kg].
-        com: (3,) [m], frame of the link.
-    """
-
-    mass: float
-    com: Array
+    mass: float  # [kg]
+    com: Array  # (3,) [m], frame of the link
 
 
 @dataclass(frozen=True)
 class Collision:
-    """One ``<collision>`` of a link.
+    """One ``<collision>`` of a link."""
 
-    Args:
-        kind: ``size`` is the edges of a box (3,), radius and length of a cylinder or a capsule, the radius of a sphere
-            [m], or the scale of the mesh in ``file``, along three axes.
-        origin: (4, 4) T_link_collision, lengths in [m].
-        file: name of the mesh as written in the URDF; empty of other kinds.
-    """
-
+    # size is the edges of a box (3,), radius and length of a cylinder or a capsule, the radius of a sphere [m], or the
+    # scale of the mesh in file, along three axes
     kind: Literal["box", "cylinder", "capsule", "sphere", "mesh"]
     size: tuple[float, ...]
-    origin: Array
-    file: str = ""
+    origin: Array  # (4, 4) T_link_collision, lengths in [m]
+    file: str = ""  # name of the mesh as written in the URDF; empty of other kinds
 
 
 @dataclass(frozen=True)
 class UrdfTree:
-    """Links and joints of a file; without ``faults`` every link but the roots is the child of one joint.
+    """Links and joints of a file; without ``faults`` every link but the roots is the child of one joint."""
 
-    Args:
-        name: of the robot.
-        links: in the order of the file; ``joints``: likewise.
-        inertials: link -> its mass; links without one are missing.
-        collisions: link -> its bodies.
-    """
-
-    name: str
-    links: tuple[str, ...]
+    name: str  # of the robot
+    links: tuple[str, ...]  # in the order of the file; joints: likewise
     joints: tuple[UrdfJoint, ...]
-    inertials: dict[str, Inertial]
-    collisions: dict[str, tuple[Collision, ...]]
+    inertials: dict[str, Inertial]  # link -> its mass; links without one are missing
+    collisions: dict[str, tuple[Collision, ...]]  # link -> its bodies
 
     def roots(self) -> list[str]:
         """The links that no joint carries."""
         children = {joint.child for joint in self.joints}
         return [link for link in self.links if link not in children]
 
-    def leaves(self, base: str) -> list[str]:
-        """The links behind ``base`` that carry no joint."""
+    def leaves(self, base: str, without: Container[str] = ()) -> list[str]:
+        """The links behind ``base`` that carry no joint but those named in ``without``."""
         found, open_links = [], [base]
         while open_links:
             link = open_links.pop()
-            below = self.below(link)
-            open_links += [joint.child for joint in below]
+            below = [joint.child for joint in self.below(link) if joint.name not in without]
+            open_links += below
             found += [] if below else [link]
         return sorted(found)
 
@@ -113,7 +87,6 @@ class UrdfTree:
 
     @cached_property
     def _carried_joints(self) -> dict[str, list[UrdfJoint]]:
-        """Link -> the joints of which it is the parent."""
         carried: dict[str, list[UrdfJoint]] = defaultdict(list)
         for joint in self.joints:
             carried[joint.parent].append(joint)
@@ -139,12 +112,12 @@ class UrdfTree:
             link = above[link].parent
         return joints if link == base else []
 
-    def require(self, link: str, key: str) -> None:
-        """Refuse a link that the file does not have.
+    def moving(self, base: str, tip: str) -> list[UrdfJoint]:
+        """The joints of `path` that move."""
+        return [joint for joint in self.path(base, tip) if joint.type != "fixed"]
 
-        Raises:
-            InputError: with the nearest name, under ``key`` of the robot's section.
-        """
+    def require(self, link: str, key: str) -> None:
+        """Refuse a link that the file does not have."""
         if link not in self.links:
             raise InputError(Issue("the URDF has no such link", (key,), link, one_of(link, self.links, "links")))
 
@@ -170,10 +143,6 @@ class UrdfTree:
             yield from self._closed_loops()
 
     def _closed_loops(self) -> Iterator[Issue]:
-        """An issue where links are not connected to a root: then their joints form closed loops.
-
-        Only asked where every link is the child of at most one joint.
-        """
         reached, open_links = set(), self.roots()
         while open_links:
             link = open_links.pop()
@@ -185,5 +154,4 @@ class UrdfTree:
 
 
 def _doubled_names(names: Iterable[str]) -> list[str]:
-    """The names that occur more than once, sorted."""
     return sorted(name for name, count in Counter(names).items() if count > 1)

@@ -19,8 +19,8 @@ from posture_opt.measurements.measurements import Measurements, nominal_poses
 from posture_opt.numerics import Array, Codes, Json, Mask, Progress, finite_or_none, rms
 from posture_opt.result import Result
 from posture_opt.robot.robot import Robot
-from posture_opt.selection.maps.grid_layout import Plane
-from posture_opt.selection.maps.map_points import Grid, MapPoint
+from posture_opt.selection.maps.grid_layout import Grid, Plane
+from posture_opt.selection.maps.map_points import MapPoint
 from posture_opt.selection.maps.target_map import TargetMap, map_targets
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.statements import Quantity, Statement, state

@@ -95,8 +95,8 @@ def scatter_with_effects(problem: ProblemData, name: str, own: float, said: floa
 
 
 def joint_errors(robot: Robot) -> tuple[str, ...]:
-    """(n,) the names of the joint values' errors, JOINT.theta or JOINT.d."""
-    return tuple(robot.factors[i].parameter for i in robot.driven)
+    """(n,) the names of the joint values' errors, JOINT.theta or JOINT.d; none of a flange without an arm."""
+    return tuple(name for i in robot.driven if (name := robot.factors[i].parameter))
 
 
 def prismatic_joints(residuals: Residuals) -> Mask:
@@ -144,7 +144,8 @@ def joint_columns(residuals: Residuals, x: Array) -> Array:
     x (k,) deviations from nominal [rad, m].
     """
     d = len(residuals.axes)
-    return residuals.metres(residuals.sensitivities(residuals.robot.driven, x)[:, :d])
+    named = [i for i in residuals.robot.driven if residuals.robot.factors[i].parameter]
+    return residuals.metres(residuals.sensitivities(named, x)[:, :d])
 
 
 def nominal_prediction(

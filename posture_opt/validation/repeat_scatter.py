@@ -262,6 +262,8 @@ def observed_variances(
 ) -> tuple[JointVariances | None, tuple[ScatterPrediction, ...]]:
     """σ of joints and instrument from repeats where there are any, else from what the calibration leaves."""
     names = joint_errors(used.robot)
+    if not names:
+        return None, ()
     if len(between.scatter.freedom):
         scatter, codes, stated = between.scatter, np.arange(len(between.scatter.freedom)), between.covariances
     else:
@@ -286,5 +288,7 @@ def worth_showing(residuals: Residuals, x: Array, noise: JointVariances | None) 
     """(n,) whether the data could show a joint's scatter: it moves the point, and its σ is determined."""
     lever = np.sqrt(np.mean(np.sum(joint_columns(residuals, x) ** 2, axis=1), axis=0))
     # 0.01 of the longest lever
+    if not lever.size:
+        return np.zeros(0, dtype=bool)
     moving = lever > 0.01 * np.where(prismatic_joints(residuals), 0.0, lever.max())
     return np.asarray(moving & (noise.determined if noise is not None else True))

@@ -92,7 +92,7 @@ def residual_scatter(
     stated = _with_effects(stated, said)
     fixed = {name: scatter_with_effects(problem, name, own.get(name, 0.0), s) for name, s in said.items()}
     if set(joint_errors(problem.robot)) <= set(fixed):
-        note, instrument = "effects say all scatter of the joints", position_sigma(problem, calibration.residuals.data)
+        note, instrument = "no scatter of joints is left to find", position_sigma(problem, calibration.residuals.data)
         sigma = {name: s for name, s in fixed.items() if s > 0}
         return _with_effects(JointScatter(sigma, instrument, True, note), said, added=False)
     noise, given = _from_data(problem, calibration, fixed)

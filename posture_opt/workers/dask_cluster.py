@@ -18,42 +18,27 @@ from posture_opt import __version__
 from posture_opt.errors import InputError, Issue
 from posture_opt.workers.workers import MAX_SUBMITTED_PARTS, Part, R, S, T, Workers, worked
 
-LOCAL = "local"
-"""In place of an address: a scheduler and workers of this machine, for as long as they are needed."""
+LOCAL = "local"  # In place of an address: a scheduler and workers of this machine, for as long as they are needed
 
+# Time [s] to wait for a scheduler that has taken a connection, for the first worker, and for the end of both.
 _SCHEDULER_TIMEOUT_S = 10
-"""Time [s] to wait for a scheduler that has taken a connection, for the first worker, and for the end of both."""
-_CONNECT_TIMEOUT_S = 3
-"""Time [s] to wait for a connection."""
-_OPTION = ("--scheduler",)
-"""The key of messages: the option of the command line."""
+_CONNECT_TIMEOUT_S = 3  # Time [s] to wait for a connection
+_OPTION = ("--scheduler",)  # The key of messages: the option of the command line
 
 
-DaskObject = Any
-"""A client, a cluster or a future of Dask, which states no types."""
+DaskObject = Any  # A client, a cluster or a future of Dask, which states no types
 DaskFuture = DaskObject
 
 
 class DaskWorkers(Workers):
-    """Works on parts wherever a Dask scheduler sends them.
-
-    Not by ``client.get_executor()``: its futures fail where a worker is lost just after it has answered.
-
-    Args:
-        client: a ``distributed.Client``.
-        own: what was opened for this and is closed with it, the client first.
-    """
+    """Works on parts wherever a Dask scheduler sends them."""
 
     def __init__(self, client: DaskObject, own: tuple[DaskObject, ...] = ()) -> None:
         self._client = client
         self._own = list(own)
 
     def run(self, part: Part[S, T, R], shared: S, items: Sequence[T]) -> Iterator[tuple[int, R]]:
-        """As of `Workers`.
-
-        Raises:
-            InputError: the scheduler was lost, or too many workers over one part.
-        """
+        """As of `Workers`."""
         dask = import_module("distributed")
         numbers, running = iter(range(len(items))), dict[DaskFuture, int]()
         done = dask.as_completed(loop=self._client.loop)
@@ -73,7 +58,6 @@ class DaskWorkers(Workers):
     def _submitted_part(
         self, running: dict[DaskFuture, int], part: Part[S, T, R], shared: S, item: T, k: int
     ) -> DaskFuture:
-        """The future of one part, which is in ``running`` from now on."""
         future = self._client.submit(worked, part, shared, item, pure=False)
         running[future] = k
         return future
@@ -87,15 +71,7 @@ class DaskWorkers(Workers):
 
 
 def scheduled(address: str, workers: int = 1) -> DaskWorkers:
-    """The workers of the scheduler at ``tcp://HOST:PORT``; or of one started for this, ``local``.
-
-    Args:
-        address: of the scheduler.
-        workers: processes of a local one.
-
-    Raises:
-        InputError: Dask is not installed, the address is none, nobody answers, or it has no or other workers.
-    """
+    """The workers of the scheduler at ``tcp://HOST:PORT``; or of one started for this, ``local``."""
     try:
         dask = import_module("distributed")
     except ImportError:
@@ -122,11 +98,6 @@ def scheduled(address: str, workers: int = 1) -> DaskWorkers:
 
 
 def _local_workers(dask: DaskObject, workers: int) -> DaskWorkers:
-    """A scheduler and workers of this machine, whose files are in a folder that goes with them.
-
-    Raises:
-        InputError: they do not start, or end while they do: one may be killed for want of memory.
-    """
     with ExitStack() as begun:
         folder = begun.enter_context(TemporaryDirectory(prefix="posture_opt-", ignore_cleanup_errors=True))
         try:
@@ -150,8 +121,6 @@ def _local_workers(dask: DaskObject, workers: int) -> DaskWorkers:
 
 @dataclass(frozen=True)
 class _Closing:
-    """What is closed at last, in the order of the stack."""
-
     stack: ExitStack
 
     def close(self, timeout: float) -> None:
@@ -160,11 +129,6 @@ class _Closing:
 
 
 def _check_answer(address: str) -> None:
-    """Refuse an address at which no process answers at once; Dask would go on trying.
-
-    Raises:
-        InputError: no address, or no connection within `_CONNECT_TIMEOUT_S`.
-    """
     hint = "start one, dask scheduler --port 8786, or take --scheduler local"
     try:
         host, port = urlsplit(address).hostname, urlsplit(address).port
@@ -180,11 +144,6 @@ def _check_answer(address: str) -> None:
 
 
 def _check_workers(client: DaskObject, address: str) -> None:
-    """Refuse a scheduler without workers, or with workers of another version.
-
-    Raises:
-        InputError: with a hint how to start or update them.
-    """
     try:
         client.wait_for_workers(1, timeout=_SCHEDULER_TIMEOUT_S)
     except TimeoutError as error:

@@ -12,11 +12,12 @@ import pytest
 
 import posture_opt as po
 from posture_opt.errors import InputError, NoSolutionError
-from posture_opt.problem.load import load_problem, problems_folder
+from posture_opt.files import problems_folder
+from posture_opt.problem.load import load_problem
 from posture_opt.problem.problem import Problem
 from posture_opt.selection.comparison.compare import compare_plans
 from posture_opt.selection.select_posture import planned_posture
-from posture_opt.selection.stations.placement_relaxation import turned_feasible
+from posture_opt.selection.stations.features_failure import turned_feasible
 from tests.helpers import factors
 from tests.helpers.changes import changed
 from tests.helpers.variants import conformance

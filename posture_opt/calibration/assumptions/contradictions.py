@@ -11,13 +11,12 @@ from posture_opt.calibration.estimation.effect_sensitivities import EffectSensit
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.parameters import Parameter
 from posture_opt.measurements.measurements import Measurements
-from posture_opt.measurements.readings.reading_search import fitting_readings, sample_of
-from posture_opt.measurements.readings.readings import coupling_readings
+from posture_opt.measurements.readings import coupling_readings, fitting_readings, sample_of
 from posture_opt.model.arm import Arm
 from posture_opt.model.effects import Cause, FittedSizes, JointCoupling, Size
 from posture_opt.numerics import Json
 from posture_opt.robot.robot import Robot
-from posture_opt.selection.fitted_arm import NEGLIGIBLE
+from posture_opt.selection.problem_data import NEGLIGIBLE
 from posture_opt.units import ERROR_UNITS, plus_minus
 
 _KIND_OF_PARAMETER = {

@@ -28,8 +28,7 @@ from posture_opt.calibration.estimation.starting_values import (
     tool_sigma,
 )
 from posture_opt.errors import InputError, Issue
-from posture_opt.measurements.affine_fit import reach
-from posture_opt.measurements.measurements import Measurements
+from posture_opt.measurements.measurements import Measurements, reach
 from posture_opt.measurements.orientation_columns import NO_ORIENTATION_NOTE
 from posture_opt.measurements.rotations import roll_pitch_yaw
 from posture_opt.numerics import Array, Mask

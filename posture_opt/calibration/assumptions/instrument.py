@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from posture_opt.measurements.kinds.pose_columns import ORIENTATION
+from posture_opt.measurements.kinds.pose import ORIENTATION
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.effects import NoiseEffect
 from posture_opt.numerics import Array, rms

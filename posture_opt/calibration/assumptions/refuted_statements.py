@@ -16,8 +16,7 @@ from posture_opt.calibration.estimation.fit import minimum_of
 from posture_opt.calibration.estimation.fit_setup import full_prior, prior_tolerances
 from posture_opt.calibration.estimation.parameters import prior_covariance, tool_unknown
 from posture_opt.calibration.estimation.residuals import Residuals
-from posture_opt.measurements.affine_fit import reach
-from posture_opt.measurements.measurements import Measurements
+from posture_opt.measurements.measurements import Measurements, reach
 from posture_opt.model.effects import EFFECTS, Effect
 from posture_opt.numerics import Array, rms_length
 from posture_opt.selection.problem_data import ProblemData

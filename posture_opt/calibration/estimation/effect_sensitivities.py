@@ -8,8 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from posture_opt.calibration.estimation.residuals import Residuals, gravity_of
-from posture_opt.measurements.measurements import Measurements
-from posture_opt.measurements.row_inputs import inputs_of
+from posture_opt.measurements.measurements import Measurements, inputs_of
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Walk
 from posture_opt.model.effects import Effect, Excitation

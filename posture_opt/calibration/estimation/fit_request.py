@@ -12,8 +12,7 @@ from posture_opt.calibration.estimation.parameters import Parameter
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Progress
 from posture_opt.robot.robot import Robot
-from posture_opt.selection.fitted_arm import NEGLIGIBLE
-from posture_opt.selection.problem_data import ProblemData
+from posture_opt.selection.problem_data import NEGLIGIBLE, ProblemData
 from posture_opt.uncertainty.sources.sources import Sources
 
 

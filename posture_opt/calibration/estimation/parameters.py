@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from posture_opt.measurements.measurements import Measurements
-from posture_opt.model.fitted_geometry import is_fitted
 from posture_opt.numerics import Array
+from posture_opt.robot.corrections import is_fitted
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.units import DIMENSIONS

@@ -12,8 +12,7 @@ import numpy as np
 from posture_opt.calibration.estimation.parameters import Parameter, effect_parameters, tool_unknown
 from posture_opt.measurements.kinds import Seen
 from posture_opt.measurements.kinds.kind import Slots
-from posture_opt.measurements.measurements import Measurements
-from posture_opt.measurements.row_inputs import arm_for
+from posture_opt.measurements.measurements import Measurements, arm_for
 from posture_opt.model.arm import Arm, Reached, Twist
 from posture_opt.model.chain import Walk, dot, factor_values, walk
 from posture_opt.numerics import Array, Codes, rms, stacked_rows

@@ -10,9 +10,8 @@ import numpy as np
 
 from posture_opt.calibration.estimation.parameters import Parameter, tool_unknown
 from posture_opt.calibration.estimation.residuals import Residuals
-from posture_opt.measurements.affine_fit import reach
 from posture_opt.measurements.kinds import Seen
-from posture_opt.measurements.measurements import Measurements, carried_joint_values, group_means
+from posture_opt.measurements.measurements import Measurements, carried_joint_values, group_means, reach
 from posture_opt.measurements.rotations import roll_pitch_yaw
 from posture_opt.model.chain import factor_values, walk
 from posture_opt.numerics import Array, Codes, rms, stacked_rows

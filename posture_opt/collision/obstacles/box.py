@@ -9,8 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from posture_opt.collision.facets import rectangle
-from posture_opt.collision.obstacles.obstacle import PlacedObstacle, Side, Size
-from posture_opt.collision.product_solid import ProductSolid
+from posture_opt.collision.obstacles.obstacle import PlacedObstacle, ProductSolid, Side, Size
 from posture_opt.collision.segment_distances import to_box
 from posture_opt.collision.smooth_bounds import box_bound
 from posture_opt.numerics import Array

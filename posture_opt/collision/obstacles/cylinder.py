@@ -10,14 +10,10 @@ import numpy as np
 from pydantic import Field
 
 from posture_opt.collision.facets import revolved
-from posture_opt.collision.obstacles.obstacle import PlacedObstacle, Side, Size
-from posture_opt.collision.product_solid import ProductSolid
+from posture_opt.collision.obstacles.obstacle import PlacedObstacle, ProductSolid, Side, Size
 from posture_opt.collision.segment_distances import to_cylinder
 from posture_opt.collision.smooth_bounds import cylinder_bound
 from posture_opt.numerics import Array
-
-_LENGTH_PIECES = 8
-"""Faces along its length in drawings."""
 
 
 class Cylinder(PlacedObstacle):
@@ -56,8 +52,8 @@ class Cylinder(PlacedObstacle):
 
     def facets(self, lower: Array, upper: Array) -> Array:
         """(k, 4, 3) small faces of its side and both ends [m], world."""
-        heights = np.linspace(-self.length / 2, self.length / 2, _LENGTH_PIECES + 1)
-        around = np.column_stack([np.full(_LENGTH_PIECES + 1, self.radius), heights])
+        heights = np.linspace(-self.length / 2, self.length / 2, 8 + 1)
+        around = np.column_stack([np.full(8 + 1, self.radius), heights])
         ends = [[[0.0, z], [self.radius / 2, z], [self.radius, z]] for z in (heights[0], heights[-1])]
         return np.concatenate([revolved(profile, self.placed) for profile in (around, *map(np.array, ends))])
 

@@ -11,18 +11,12 @@ import numpy as np
 from pydantic import Field, field_validator
 
 from posture_opt.collision.facets import rectangle
-from posture_opt.collision.obstacles.obstacle import Obstacle, Size
-from posture_opt.collision.product_solid import FREE, ProductSolid
+from posture_opt.collision.obstacles.obstacle import FREE, Obstacle, ProductSolid, Size
 from posture_opt.collision.segment_distances import to_half_space
 from posture_opt.collision.smooth_bounds import half_space_bounds
 from posture_opt.errors import BadValueError
 from posture_opt.numerics import Array
 from posture_opt.units import Length
-
-_PARALLEL = 1e-12
-"""What the cosine between two parallel unit vectors may lack by rounding."""
-_PATCH_PIECES = 24
-"""Faces along the side of the patch that is drawn."""
 
 
 class HalfSpace(Obstacle):
@@ -37,11 +31,6 @@ class HalfSpace(Obstacle):
     @field_validator("normal")
     @classmethod
     def _points_somewhere(cls, normal: tuple[float, float, float]) -> tuple[float, float, float]:
-        """The normal as it is.
-
-        Raises:
-            BadValueError: its length is zero.
-        """
         if math.hypot(*normal) < 1e-12:
             raise BadValueError("a normal of length zero points nowhere", "write for example [0, 0, 1]")
         return normal
@@ -83,7 +72,7 @@ class HalfSpace(Obstacle):
     def extent(self, direction: Array) -> float:
         """Greatest coordinate of its points along a unit vector (3,), world [m]: finite along its normal only."""
         along = float(np.dot(self.unit_normal, direction))
-        return self.offset if along > 1 - _PARALLEL else math.inf
+        return self.offset if along > 1 - 1e-12 else math.inf  # rounding of a cosine
 
     def facets(self, lower: Array, upper: Array) -> Array:
         """(k, 4, 3) small faces of its surface in the box from ``lower`` to ``upper`` (3,), (3,) [m], world."""
@@ -91,7 +80,7 @@ class HalfSpace(Obstacle):
         foot = middle - (middle @ normal - self.offset) * normal
         u = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
         u *= float(np.linalg.norm(upper - lower)) / 2 / np.linalg.norm(u)
-        faces = rectangle(foot, u, np.cross(normal, u), _PATCH_PIECES)
+        faces = rectangle(foot, u, np.cross(normal, u), 24)
         inside = np.all((faces >= lower - 1e-9) & (faces <= upper + 1e-9), axis=(1, 2))
         return np.asarray(faces[inside])
 

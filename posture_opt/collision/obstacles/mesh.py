@@ -10,8 +10,7 @@ import casadi as ca
 import numpy as np
 from pydantic import Field, PrivateAttr
 
-from posture_opt.collision.mesh_boxes import EnclosedMesh, OrientedBox, enclosed_mesh
-from posture_opt.collision.mesh_surface import coarser, finer
+from posture_opt.collision.mesh_boxes import EnclosedMesh, OrientedBox, coarser, enclosed_mesh, finer
 from posture_opt.collision.obstacles.box import Box
 from posture_opt.collision.obstacles.obstacle import PlacedObstacle, Size
 from posture_opt.errors import InputError, Issue
@@ -26,15 +25,10 @@ BoxCount = Annotated[int, Field(ge=1, le=64)]
 """So many boxes enclose a mesh at the most."""
 DEFAULT_BOXES = 12
 _UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254}
-_MAX_DRAWN_FACES = 6000
-"""Faces of a drawing; of a finer mesh neighbouring corners are drawn as one."""
 
 
 class Mesh(PlacedObstacle):
-    """The solid that a mesh bounds, checked by boxes that enclose it and drawn as it is.
-
-    The distance to the boxes is exact, and never more than that to the mesh.
-    """
+    """A solid bounded by a mesh, drawn as it is; distances are exact to boxes that enclose it."""
 
     summary: ClassVar[str] = "a part from CAD (file: STL, OBJ, PLY; unit), its frame at xyz, turned by rpy"
 
@@ -45,11 +39,7 @@ class Mesh(PlacedObstacle):
     _less: Size = PrivateAttr(0.0)
 
     def in_folder(self, folder: Path) -> Mesh:
-        """The same obstacle with the whole path of its file, which is read.
-
-        Raises:
-            InputError: no such file, none that can be read, or trimesh is not installed; by the key.
-        """
+        """The mesh with the whole path of its file, which is read; InputError names the key."""
         try:
             found = self.model_copy(update={"file": str(located(folder, self.file))})
             if not Path(found.file).is_file():
@@ -81,7 +71,6 @@ class Mesh(PlacedObstacle):
         return tuple(Box.model_construct(None, **self._keys(box)).smaller(self._less) for box in self.enclosed.boxes)
 
     def _keys(self, box: OrientedBox) -> dict[str, Any]:
-        """The keys of a box of the mesh in the world, in SI units."""
         size = tuple(float(edge) for edge in box.size)
         place = {"xyz": self._placed(box.middle), "rpy": self._turned(box.rotation)}
         return {"name": self.name, "kind": "box", "size": size, **place}
@@ -117,7 +106,7 @@ class Mesh(PlacedObstacle):
 
     def facets(self, lower: Array, upper: Array) -> Array:
         """(k, 4, 3) the faces of the mesh [m], world; the last corner of each is there twice."""
-        placed = finer(coarser(self.enclosed.triangles, _MAX_DRAWN_FACES)) @ self.rotation.T + np.array(
+        placed = finer(coarser(self.enclosed.triangles, 6000)) @ self.rotation.T + np.array(  # faces of a drawing
             self.xyz, dtype=float
         )
         return np.concatenate([placed, placed[:, -1:]], axis=1)

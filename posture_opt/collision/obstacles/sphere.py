@@ -10,8 +10,7 @@ import numpy as np
 from pydantic import Field
 
 from posture_opt.collision.facets import capsule_facets
-from posture_opt.collision.obstacles.obstacle import Obstacle, Side, Size
-from posture_opt.collision.product_solid import ProductSolid
+from posture_opt.collision.obstacles.obstacle import Obstacle, ProductSolid, Side, Size
 from posture_opt.collision.segment_distances import to_point
 from posture_opt.collision.smooth_bounds import point_bound
 from posture_opt.numerics import Array

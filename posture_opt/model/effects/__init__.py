@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     NOISES: tuple[type[NoiseEffect], ...]
     CATALOGUE: tuple[type[CatalogueEntry], ...]
 
+# The kinds that move the tool point, `EFFECTS`; a kind is the name of its file, and in capitals of its class
 MOVING_KINDS = (
     "joint_scale",
     "gear_eccentricity",
@@ -48,8 +49,8 @@ MOVING_KINDS = (
     "late_reading",
     "tool_shift",
 )
-"""The kinds that move the tool point, `EFFECTS`; a kind is the name of its file, and in capitals of its class."""
 
+# The kinds that spread it, or its measurements, `NOISES`; both together are the `CATALOGUE`
 NOISY_KINDS = (
     "joint_noise",
     "range_noise",
@@ -57,14 +58,12 @@ NOISY_KINDS = (
     "outliers",
     "correlated_lengths",
 )
-"""The kinds that spread it, or its measurements, `NOISES`; both together are the `CATALOGUE`."""
 
+# Kind -> the file of its class, in this folder
 _FILES = {kind: kind for kind in MOVING_KINDS} | {kind: f"noise.{kind}" for kind in NOISY_KINDS}
-"""Kind -> the file of its class, in this folder."""
+# Name of a list of classes -> the kinds in it
 _LISTS = {"EFFECTS": MOVING_KINDS, "NOISES": NOISY_KINDS, "CATALOGUE": (*MOVING_KINDS, *NOISY_KINDS)}
-"""Name of a list of classes -> the kinds in it."""
-_KINDS = {class_name(kind): kind for kind in _FILES}
-"""Class name -> kind."""
+_KINDS = {class_name(kind): kind for kind in _FILES}  # Class name -> kind
 
 
 def effect_class(kind: str) -> type[CatalogueEntry] | None:
@@ -76,11 +75,7 @@ def effect_class(kind: str) -> type[CatalogueEntry] | None:
 
 
 def __getattr__(name: str) -> Any:
-    """A list of classes, or one class by its name, imported when it is first used.
-
-    Raises:
-        AttributeError: no kind and no list has this name.
-    """
+    """A list of classes, or one class by its name, imported when it is first used."""
     if name in _LISTS:
         value: Any = tuple(map(effect_class, _LISTS[name]))
     elif name in _KINDS:

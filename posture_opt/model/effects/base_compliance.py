@@ -30,8 +30,7 @@ class BaseCompliance(GravityLoaded, SoleEffect):
 
     def sensitivities(self, state: ArmState) -> tuple[Sensitivity, ...]:
         """Turn (3,) [rad] per unit of each parameter and the shift of the tool point that follows, ``φ × (x −
-        foot)``.
-        """
+        foot)``."""
         foot = state.walk.screws[len(state.robot.base)].origin
         g = state.robot.gravity
         found = []
@@ -42,7 +41,6 @@ class BaseCompliance(GravityLoaded, SoleEffect):
 
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:
-        """The one instance, where the masses of the links are known."""
         return [cls()] if "masses" in case.inputs else []
 
     @classmethod

@@ -12,8 +12,8 @@ from posture_opt.model.chain import ZERO, Scalar, subtract
 from posture_opt.model.effects.base.cause import FittedSizes, Size
 from posture_opt.model.effects.base.effect import Effect, Excitation, Sensitivity, SoleEffect
 
+# The six products of two coordinates that a quadratic function has
 _COORDINATE_PAIRS = ("xx", "xy", "xz", "yy", "yz", "zz")
-"""The six products of two coordinates that a quadratic function has."""
 
 
 class InstrumentField(SoleEffect):
@@ -42,8 +42,7 @@ class InstrumentField(SoleEffect):
 
     def sensitivities(self, state: ArmState) -> tuple[Sensitivity, ...]:
         """A shift (3,) along one world axis by one product of coordinates [m²], origin at the foot of the first
-        joint.
-        """
+        joint."""
         p = subtract(state.tool, state.walk.screws[len(state.robot.base)].origin)
         products = [p["xyz".index(pair[0])] * p["xyz".index(pair[1])] for pair in _COORDINATE_PAIRS]
         found = []
@@ -53,11 +52,6 @@ class InstrumentField(SoleEffect):
                 vector[axis] = product
                 found.append(Sensitivity(twist=((vector[0], vector[1], vector[2]), ZERO)))
         return tuple(found)
-
-    @property
-    def omitted(self) -> str:
-        """Why no task is planned with it."""
-        return "left out: it belongs to the instrument and not to the arm"
 
     def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
         """How many coefficients there are: none of them alone is a size."""

@@ -31,11 +31,6 @@ class InstrumentScale(SoleEffect):
         """A shift (3,) by the tool point itself [m]: distances grow from the world's origin."""
         return (Sensitivity(twist=(state.tool, ZERO)),)
 
-    @property
-    def omitted(self) -> str:
-        """Why no task is planned with it."""
-        return "left out: it belongs to the instrument and not to the arm"
-
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:
         """None: no measurement of the arm alone can show it."""

@@ -10,15 +10,13 @@ from posture_opt.errors import BadValueError
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Vector, add, cross, dot, scale, subtract
 from posture_opt.model.effects.base.effect import Effect, Excitation, Sensitivity
-from posture_opt.model.effects.base.gear_stiffness import LARGEST_TURN, SOURCE, least_stiffness
 from posture_opt.model.effects.base.gravity_load import GravityLoaded
 from posture_opt.model.effects.base.joint_effect import EffectOfJoint
-from posture_opt.model.effects.base.plausible_range import PlausibleRange
+from posture_opt.model.effects.base.plausible_range import LARGEST_TURN, SOURCE, PlausibleRange, least_stiffness
 from posture_opt.robot.robot import Robot
 from posture_opt.units import number
 
-_MIN_LINK_LENGTH_M = 0.02
-"""A link shorter than this has nothing to bend."""
+_MIN_LINK_LENGTH_M = 0.02  # A link shorter than this has nothing to bend
 
 
 class LinkBending(GravityLoaded, EffectOfJoint):
@@ -39,7 +37,6 @@ class LinkBending(GravityLoaded, EffectOfJoint):
     kind: Literal["link_bending"] = "link_bending"
 
     def inspect(self, robot: Robot) -> str:
-        """What to look at on the arm, in one line."""
         return self.inspection.format(link=robot.link_words(self.target))
 
     def sensitivities(self, state: ArmState) -> tuple[Sensitivity, ...]:
@@ -67,7 +64,6 @@ class LinkBending(GravityLoaded, EffectOfJoint):
 
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:
-        """Every link but the last that is longer than `_MIN_LINK_LENGTH_M`, where the masses are known."""
         return [cls(joint=name) for name in _long_links(case.robot)] if "masses" in case.inputs else []
 
     @classmethod
@@ -78,18 +74,13 @@ class LinkBending(GravityLoaded, EffectOfJoint):
             yield cls(joint=name, loads="points"), cls.frames_of_load(case, names.index(name) + 1)
 
     def check_robot(self, robot: Robot) -> None:
-        """Refuse a joint that the robot lacks, or the last one.
-
-        Raises:
-            BadValueError: no such joint, or no joint behind it, so that the end of its link is not known.
-        """
+        """Refuse a joint that the robot lacks, or the last one."""
         if robot.joint_names and self.joint == robot.joint_names[-1]:
             raise BadValueError(f"no joint follows {self.joint}, so the end of its link is not known")
         super().check_robot(robot)
 
 
 def _long_links(robot: Robot) -> list[str]:
-    """The joints whose link has a length, but for the last."""
     state = ArmState(robot, [0.0] * robot.n)
     return [name for i, name in enumerate(robot.joint_names[:-1]) if _link_length(state, i) > _MIN_LINK_LENGTH_M]
 

@@ -11,7 +11,7 @@ from posture_opt.model.arm_state import MIN_LEANING_SINE, ArmState
 from posture_opt.model.chain import Scalar, magnitude
 from posture_opt.model.effects.base.catalogue_entry import Input
 from posture_opt.model.effects.base.cause import Abscissa
-from posture_opt.model.effects.base.lost_motion import LostMotion
+from posture_opt.model.effects.base.joint_effect import LostMotion
 
 
 class LoadBacklash(LostMotion):
@@ -30,7 +30,6 @@ class LoadBacklash(LostMotion):
     kind: Literal["load_backlash"] = "load_backlash"
 
     def acts(self, state: ArmState) -> bool:
-        """Whether the axis of the joint leans against the vertical in some posture."""
         return state.leaning(self.index(state)) > MIN_LEANING_SINE
 
     def features(self, state: ArmState, joint: int) -> tuple[Scalar, ...]:

@@ -13,8 +13,7 @@ from posture_opt.model.effects.base.joint_effect import JointEffect
 from posture_opt.model.effects.base.plausible_range import PlausibleRange
 from posture_opt.robot.robot import Robot
 
-_LARGEST_RATE = 1e-4
-"""rad/K: four times the expansion of aluminium."""
+_LARGEST_RATE = 1e-4  # rad/K: four times the expansion of aluminium
 
 
 class ThermalOffset(JointEffect):

@@ -10,49 +10,38 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from posture_opt.report.page.colours import BLUE, GREY, ORANGE, VERMILLION
-from posture_opt.report.page.new_figure import new_figure
-from posture_opt.report.page.style import legend_below, legend_beside, styled
-from posture_opt.report.text.words import source_words
+from posture_opt.report.page.style import legend, new_axes, new_figure, styled
 from posture_opt.statements.notation import length_unit
 from posture_opt.uncertainty.regions.regions import Ellipsoid
+from posture_opt.uncertainty.sources.source_names import source_words
 from posture_opt.units import ERROR_UNITS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from posture_opt.batch.batch_calibration import Batch
+    from posture_opt import Batch, PostureBatch
     from posture_opt.batch.batch_covariance import CorrelatedPair
-    from posture_opt.selection.posture_batch import PostureBatch
     from posture_opt.selection.problem_data import ProblemData
 
-_MAX_PANELS = 3
-_MAX_LINEAR_RATIO = 30.0  # of the largest answer to the smallest: on a linear axis small ones would be one dot
 _MAX_NAMED_PROBLEMS = 25  # problems that have room for their names
 
 
 @styled
 def plot_batch(problem: ProblemData, found: Batch) -> Figure:
     """The robots as points with their standard errors, and the ellipse that holds 95 % of the robots of the type.
-
-    One panel for each pair whose correlation is significant, three at most; axes are deviations from nominal [deg or
-    mm].
-    """
-    pairs = [pair for pair in found.pairs if pair.significant][:_MAX_PANELS] or list(found.pairs[:1])
+    One panel for each pair whose correlation is significant, three at most; axes are deviations from nominal [deg
+    or mm]."""
+    pairs = [pair for pair in found.pairs if pair.significant][:3] or list(found.pairs[:1])
     figure = new_figure({1: 5.0, 2: 4.6}.get(len(pairs), 3.8))
     for k, pair in enumerate(pairs):
         _panel(figure.add_subplot(1, len(pairs), k + 1), problem, found, pair)
-    (legend_beside if len(pairs) == 1 else legend_below)(figure)
+    legend(figure, beside=len(pairs) == 1)
     return figure
 
 
 def _panel(axes: Axes, problem: ProblemData, found: Batch, pair: CorrelatedPair) -> None:
-    """One pair of parameters; the ellipse is that of the robots, the estimates' own errors subtracted.
-
-    Dots are robots with one standard error either way. The ellipse is left out where one of both variances is zero. A
-    dashed ellipse is the covariance that the file states; a plus is the nominal arm. Where both parameters have one
-    unit, both axes have one scale.
-    """
+    """One pair of parameters; the ellipse is that of the robots, the estimates' own errors subtracted."""
     i, j = found.names.index(pair.a), found.names.index(pair.b)
     written = [ERROR_UNITS[found.parameters[k].unit] for k in (i, j)]
     scale, units = np.array([factor for factor, _ in written]), [unit for _, unit in written]
@@ -82,12 +71,7 @@ def _panel(axes: Axes, problem: ProblemData, found: Batch, pair: CorrelatedPair)
 
 
 def _variances(found: Batch, robot: int, names: tuple[str, str]) -> list[float]:
-    """Variances [rad² or m²] of both parameters of a robot, as its calibration states them.
-
-    Args:
-        robot: number of the robot in the batch.
-        names: of both parameters.
-    """
+    """Variances [rad² or m²] of both parameters of a robot, as its calibration states them."""
     calibration = found.calibrations[robot]
     place = {p.name: k for k, p in enumerate(calibration.parameters)}
     return [float(calibration.covariance[place[name], place[name]]) for name in names]
@@ -103,15 +87,12 @@ def _stated(found: Batch, pair: CorrelatedPair, index: tuple[int, int]) -> Any:
 
 @styled
 def plot_posture_batch(found: PostureBatch) -> Figure:
-    """Largest standard deviation of each problem that has a solution [µm or mm], the smallest at the top.
-
-    Of several features or a path it is that of the worst one. Names are shown where there is room for them, and the
-    axis is logarithmic where answers differ by orders of magnitude; problems without a solution are in the report only.
-    """
+    """Largest standard deviation of each problem that has a solution [µm or mm], the smallest at the top. Of several
+    features or a path it is that of the worst one. Names are shown where there is room for them, and the axis is
+    logarithmic where answers differ by orders of magnitude; problems without a solution are in the report only."""
     answers = sorted(found.solved, key=lambda answer: -answer.sigma_max)
     unit, factor = length_unit([answer.sigma_max for answer in answers] or [0.0])
-    figure = new_figure(max(2.0, 0.25 * min(len(answers), _MAX_NAMED_PROBLEMS) + 1.2))
-    axes = figure.add_subplot()
+    figure, axes = new_axes(max(2.0, 0.25 * min(len(answers), _MAX_NAMED_PROBLEMS) + 1.2))
     axes.plot([factor * answer.sigma_max for answer in answers], range(len(answers)), "o", color=BLUE, ms=4)
     axes.set_ylim(-0.5, max(len(answers), 1) - 0.5)  # no dot on the frame
     if len(answers) <= _MAX_NAMED_PROBLEMS:
@@ -119,7 +100,8 @@ def plot_posture_batch(found: PostureBatch) -> Figure:
     else:
         axes.set_ylabel("problems, in order")
     sizes = [answer.sigma_max for answer in answers if answer.sigma_max > 0]
-    if sizes and max(sizes) > _MAX_LINEAR_RATIO * min(sizes):
+    # Where answers differ more, the small ones would be one dot on a linear axis.
+    if sizes and max(sizes) > 30.0 * min(sizes):
         axes.set_xscale("log")
     else:
         axes.set_xlim(left=0)

@@ -12,8 +12,7 @@ import numpy as np
 
 from posture_opt.numerics import Array
 from posture_opt.report.page.colours import COLOUR_MAP, GREY, VERMILLION
-from posture_opt.report.page.new_figure import new_figure
-from posture_opt.report.page.style import legend_beside, styled
+from posture_opt.report.page.style import legend, new_axes, styled
 from posture_opt.selection.answer.placement import COORDINATES
 from posture_opt.statements.notation import length_unit
 
@@ -24,7 +23,6 @@ if TYPE_CHECKING:
     from posture_opt.selection.answer.solution import Solution
     from posture_opt.selection.stations.bench_map import BenchMap
 
-_MAX_NAMED_FEATURES = 6  # features whose names fit next to their points
 _EDGE_SHARE = 0.25  # of the width: nearer to the edge, a name is above or below its point
 _UNIT_FACTORS = (1e3, 1e3, 1e3, math.degrees(1.0))
 _COORDINATE_LABELS = ("x of the workpiece [mm]", "y of the workpiece [mm]", "z of the workpiece [mm]", "yaw [deg]")
@@ -32,21 +30,13 @@ _COORDINATE_LABELS = ("x of the workpiece [mm]", "y of the workpiece [mm]", "z o
 
 @styled
 def plot_bench(found: Solution) -> Figure:
-    """Spread over two coordinates of the placement; hatched: not every feature can be done there.
-
-    Colours are the standard deviation of the worst feature, or the mean of all [µm or mm]; further free coordinates
-    are held as in the answer, as the title says. The star is the placement of the answer. In a map over x and y the
-    features are drawn where they are then, the worst one ringed. A flat region about the star means that the placement
-    does not matter much.
-
-    Args:
-        found: with at least two free coordinates of its placement.
-    """
+    """Spread over two coordinates of the placement; hatched: not every feature can be done there. Colours are the
+    standard deviation of the worst feature, or the mean of all [µm or mm]; further free coordinates are held as in the
+    answer, as the title says. The star is the placement of the answer."""
     bench = found.bench
     assert bench is not None, "a map has two axes"
     assert found.placement is not None
-    figure = new_figure(5.2)
-    axes = figure.add_subplot()
+    figure, axes = new_axes(5.2)
     _draw_map(figure, axes, found, bench)
     level = bench.axes == (0, 1)
     if level:
@@ -63,7 +53,7 @@ def plot_bench(found: Solution) -> Figure:
             f"{COORDINATES[k]} {_UNIT_FACTORS[k] * found.w[k]:.1f} {'deg' if k == 3 else 'mm'}" for k in others
         )
         axes.set_title(f"at {held}, as in the answer")
-    legend_beside(figure)
+    legend(figure, beside=True)
     return figure
 
 
@@ -105,7 +95,8 @@ def _draw_features(axes: Axes, found: Solution) -> None:
     for pick, limits, k in ((axes.set_xlim, axes.get_xlim(), 0), (axes.set_ylim, axes.get_ylim(), 1)):
         margin = 0.04 * (limits[1] - limits[0])
         pick(min(limits[0], points[:, k].min() - margin), max(limits[1], points[:, k].max() + margin))
-    if len(points) <= _MAX_NAMED_FEATURES:
+    # More names do not fit next to their points.
+    if len(points) <= 6:
         middle = points[:, :2].mean(axis=0)
         for name, point in zip(found.names, points, strict=True):
             _name(axes, name, point[:2], point[:2] - middle)

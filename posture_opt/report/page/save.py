@@ -1,24 +1,26 @@
-"""The files of a report: JSON, text, one page with the figures inside, figures as PNG and SVG; all of them or none."""
+"""The files of a report: JSON, text, CSV, one page with the figures inside, figures as PNG and SVG; all or none."""
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from posture_opt.manifest import Manifest
-from posture_opt.numerics import Json
-from posture_opt.output import json_text, write_folder
+from posture_opt.numerics import Array, Json, Mask
+from posture_opt.output import json_text, manifest_of, write_folder
 from posture_opt.report.page.page import Page
 from posture_opt.report.page.style import image
 from posture_opt.report.text.blocks import Summary
 from posture_opt.report.text.text import render
+from posture_opt.texts import csv_line
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
 
 CAPTIONS = {
     "arm": "The arm in its posture, with the 95 % region of the tool point (enlarged as stated).",
@@ -107,13 +109,7 @@ def report_files(
     figures: Mapping[str, Figure],
     made: Callable[[bytes], bytes] = bytes,
 ) -> Files:
-    """File name -> content of a report: its document as ``{name}.json``, report.txt, report.html, the figures.
-
-    Args:
-        document: plain data; ``page`` the report without its pictures, which are added.
-        figures: drawn; each becomes a PNG of 150 dpi and an SVG.
-        made: called with each picture and returns it, for a progress bar.
-    """
+    """File name -> content of a report: its document as ``{name}.json``, report.txt, report.html, the figures."""
     files = {f"{name}.json": (json_text(document) + "\n").encode(), "report.txt": render(page.report).encode()}
     images = {figure: made(image(drawn, "png")) for figure, drawn in figures.items()}
     files |= {f"{figure}.png": data for figure, data in images.items()}
@@ -129,5 +125,24 @@ def save_files(folder: Path, files: Files) -> tuple[Path, ...]:
     Raises:
         InputError: the folder cannot be written to, or has a file of such a name that is not of this program.
     """
-    pages = {name for name in Manifest.of(folder).names if _OWN_PAGE.fullmatch(name)}
+    pages = {name for name, _ in manifest_of(folder) if _OWN_PAGE.fullmatch(name)}
     return write_folder(folder, files, replaces=OWN_FILES | pages)
+
+
+def map_csv(columns: Mapping[str, Sequence[Any] | Array | Mask], joints: int, decimals_of_joints: int = 6) -> str:
+    """The table of a map as a file: places to 0.1 µm, joints to so many decimals of deg or mm, the rest to six."""
+    headers = list(columns)
+    decimals = {
+        **dict.fromkeys(headers[:3], 4),
+        "feasible": 0,
+        "listed": 0,
+        **dict.fromkeys(headers[-joints:], decimals_of_joints),
+    }
+    cells = [[_cell(value, decimals.get(head)) for value in columns[head]] for head in headers]
+    return "".join(csv_line(row) + "\n" for row in (headers, *zip(*cells, strict=True)))
+
+
+def _cell(value: float, decimals: int | None) -> str:
+    if math.isnan(value):
+        return ""
+    return f"{value + 0.0:.6g}" if decimals is None else f"{value + 0.0:.{decimals}f}"

@@ -1,7 +1,6 @@
-"""Blocks and facts that several reports share: effects, sources, joint table, tool point, ellipse, budget, validity.
+"""Facts that several reports share: robot, sources, joints, tool point, ellipse, clearances.
 
-A fact is (label, text). Functions take results and return texts; they compute nothing that a result does not hold. An
-empty list means that the line is left out.
+A fact is (label, text); functions compute nothing that a result does not hold. An empty list leaves the line out.
 """
 
 from __future__ import annotations
@@ -12,19 +11,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from posture_opt.errors import listed
 from posture_opt.model.arm import Arm
+from posture_opt.numerics import Array
 from posture_opt.report.text.blocks import Table
-from posture_opt.report.text.words import (
-    METHODS,
-    REGIONS,
-    Vector,
-    line_words,
-    roll_pitch_yaw,
-    source_size,
-    source_words,
-)
+from posture_opt.report.text.words import METHODS, REGIONS, Vector, line_words, roll_pitch_yaw
 from posture_opt.robot.robot import Joint, Robot
-from posture_opt.selection.answer.arm_statements import free_frames
+from posture_opt.selection.answer.solution_statements import free_frames
 from posture_opt.statements import Statement
 from posture_opt.statements.notation import (
     joint_unit,
@@ -36,14 +29,17 @@ from posture_opt.statements.notation import (
     place,
     sentence,
     shift,
+    stated_length,
 )
+from posture_opt.uncertainty.sources.source_names import conditions, source_size, source_words
 from posture_opt.uncertainty.sources.workpiece import ANGLE, stated_name
-from posture_opt.uncertainty.spread.conditions import conditions
 from posture_opt.uncertainty.spread.joint_digits import JointDigits, readable_digits, readable_posture
 from posture_opt.uncertainty.spread.spread import HasSources
 from posture_opt.units import fixed
 
 if TYPE_CHECKING:
+    from posture_opt.collision.pairs import Clearance
+    from posture_opt.collision.scene import Scene
     from posture_opt.selection.problem_data import ProblemData
     from posture_opt.uncertainty.spread.spread import Spread
 
@@ -52,14 +48,10 @@ _MAX_SOURCES = 8  # sources named one by one
 _MAX_EFFECTS = 6  # named one by one
 _NEGLIGIBLE_SHARE = 1e-3  # of the largest standard deviation of its kind
 _LIMIT_TOLERANCE = 1e-6
-_MIN_SHIFT_M = 1e-7  # m
 
 
 def robot_facts(problem: ProblemData) -> list[tuple[str, str]]:
-    """Name and size of the robot, and where its numbers come from.
-
-    Source of the geometry, of the shape for collisions, and effects each have a line where they are known.
-    """
+    """Name and size of the robot, and where its numbers come from."""
     robot: Robot = problem.robot
     size = f"{robot.n} joints"
     name = f"{robot.name}, {size}" if robot.name and robot.name != f"{robot.n}-joint arm" else robot.name or size
@@ -80,20 +72,13 @@ def effect_facts(problem: ProblemData) -> list[tuple[str, str]]:
 
 
 def input_facts(problem: ProblemData) -> list[tuple[str, str]]:
-    """What the task says, or leaves open, of the inputs that the effects depend on.
-
-    Payload [kg], sides of approach, temperature [degC] and time [s], each where an effect of the arm needs it.
-    """
+    """What the task says, or leaves open, of the inputs that the effects depend on."""
     texts = conditions(problem.arm)
     return [("Conditions", ", ".join(texts))] if texts else []
 
 
 def source_facts(problem: ProblemData) -> list[tuple[str, str]]:
-    """The standard deviations of the sources; equal ones of one kind together, negligible ones last.
-
-    Angles in deg, lengths in mm. Negligible is below a thousandth of the largest of its kind; beyond eight groups they
-    are counted.
-    """
+    """The standard deviations of the sources; equal ones of one kind together, negligible ones last."""
     arm, sources = problem.arm, problem.sources
     sigmas = dict(zip(sources.names, map(float, sources.sigma), strict=True))
     largest: dict[str, float] = {}
@@ -125,7 +110,6 @@ def workpiece_facts(problem: ProblemData) -> list[tuple[str, str]]:
 
 
 def _about(problem: ProblemData) -> str:
-    """Which point the workpiece turns about by its error."""
     task = problem.task
     assert task is not None
     if task.workpiece is not None:
@@ -137,7 +121,6 @@ def _about(problem: ProblemData) -> str:
 
 
 def _group_words(names: Sequence[str], arm: Arm) -> str:
-    """Sources of one size in words: one by one, by their joints, or "of every joint"."""
     if len(names) < 3:
         return " and ".join(source_words(name, arm) for name in names)
     owners = [name.rpartition(".")[0] for name in names]
@@ -164,13 +147,8 @@ def frame_notes(robot: Robot) -> list[str]:
 
 
 def joint_table(problem: HasSources, robot: Robot, q: Vector) -> Table:
-    """Every joint with its value, to the digits that rounding asks for, its limits and the margin to the nearer one.
-
-    Values [deg or mm] have so many digits that rounding them moves the tool point by no more than its σ.
-
-    Args:
-        q: (n,) posture [rad or m].
-    """
+    """Every joint with its value, to the digits that rounding asks for, its limits and the margin to the nearer one;
+    ``q`` (n,) [rad or m]."""
     digits = readable_digits(problem, q)
     rows = [
         (joint.name, _value(joint, value, digits), _limits(joint), _margin(joint, value))
@@ -180,10 +158,8 @@ def joint_table(problem: HasSources, robot: Robot, q: Vector) -> Table:
 
 
 def nearest_limit(robot: Robot, q: Vector) -> list[tuple[str, str]]:
-    """The joint with the smallest margin to a limit, relative to its range; nothing without limits.
-
-    ``min(q − lower, upper − q) / (upper − lower)`` over the joints with finite limits.
-    """
+    """The joint with the smallest margin to a limit, relative to its range; nothing without limits. ``min(q − lower,
+    upper − q) / (upper − lower)`` over the joints with finite limits."""
     ranges = [(joint, value, joint.upper - joint.lower) for joint, value in zip(robot.joints, q, strict=True)]
     shares = [
         (min(value - joint.lower, joint.upper - value) / size, joint, value)
@@ -197,26 +173,22 @@ def nearest_limit(robot: Robot, q: Vector) -> list[tuple[str, str]]:
 
 
 def _distance(joint: Joint, value: float) -> str:
-    """How far a joint is from its nearer limit, in words."""
     margin = _margin(joint, value)
     return margin if margin.startswith(("at", "exceeded")) else f"{margin} away"
 
 
 def _limits(joint: Joint) -> str:
-    """The limits of a joint in the unit of its values."""
     unit, factor = joint_unit(joint.type)
     low, high = (f"{value * factor:.6g}" if math.isfinite(value) else "none" for value in (joint.lower, joint.upper))
     return f"{low} to {high} {unit}"
 
 
 def _value(joint: Joint, value: float, digits: JointDigits) -> str:
-    """A joint value with the digits that the scatter supports."""
     unit, factor = joint_unit(joint.type)
     return f"{digits.text(joint, value, 1 / factor)} {unit}"
 
 
 def _margin(joint: Joint, value: float) -> str:
-    """Distance to the nearer limit, or by how much it is exceeded."""
     margin = min(value - joint.lower, joint.upper - value)
     if not math.isfinite(margin):
         return "no limit"
@@ -235,10 +207,8 @@ def tool_facts(spread: Spread) -> list[tuple[str, str]]:
 
 
 def lean(spread: Spread, tool_axis: Vector, direction: Vector) -> float:
-    """The angle [rad] between the tool's axis (3,), tool frame, and a unit direction (3,), world frame.
-
-    ``atan2(|a × d|, a · d)`` with the axis turned by the quaternion, ``a + 2 v × (v × a + w a)``.
-    """
+    """The angle [rad] between the tool's axis (3,), tool frame, and a unit direction (3,), world frame. ``atan2(|a ×
+    d|, a · d)`` with the axis turned by the quaternion, ``a + 2 v × (v × a + w a)``."""
     w, v = spread.quaternion_wxyz[0], np.asarray(spread.quaternion_wxyz[1:], dtype=float)
     a, d = np.asarray(tool_axis, dtype=float), np.asarray(direction, dtype=float)
     turned = a + 2 * np.cross(v, np.cross(v, a) + w * a)
@@ -246,11 +216,7 @@ def lean(spread: Spread, tool_axis: Vector, direction: Vector) -> float:
 
 
 def ellipse_facts(spread: Spread, among: Sequence[float] = ()) -> list[tuple[str, str]]:
-    """The 95 % region of the tool point, with the factor that it is drawn with.
-
-    Semi-axes from the longest to the shortest; ``among`` are the lengths [m] whose unit is to be used. An interval, an
-    ellipse or an ellipsoid by the rank of the covariance; a point where there is no uncertainty.
-    """
+    """The 95 % region of the tool point, with the factor that it is drawn with."""
     ellipse = spread.ellipse
     if not ellipse.rank:
         return [(REGIONS[0], "a point: there is no uncertainty here")]
@@ -262,11 +228,7 @@ def ellipse_facts(spread: Spread, among: Sequence[float] = ()) -> list[tuple[str
 
 
 def first_order_fact(exact: float, linear: float, among: Sequence[float] = ()) -> tuple[str, str]:
-    """The first-order figure next to the exact one.
-
-    Args:
-        exact: standard deviation [m]; ``linear`` that to first order. A difference below 0.05 % is "equal".
-    """
+    """The first-order figure next to the exact one; ``exact`` [m]."""
     if exact <= 0:
         return "First order", "none"
     change = linear / exact - 1
@@ -277,13 +239,11 @@ def first_order_fact(exact: float, linear: float, among: Sequence[float] = ()) -
 
 
 def mean_fact(spread: Spread, among: Sequence[float] = ()) -> tuple[str, str]:
-    """How far the mean tool point is off the nominal one: the bias, of second order in the errors.
-
-    "negligible" below 0.1 µm and below a thousandth of the lengths it is listed with; else its length and its vector
-    in the world frame.
-    """
+    """How far the mean tool point is off the nominal one: the bias, of second order in the errors. "negligible"
+    below 0.1 µm and below a thousandth of the lengths it is listed with; else its length and its vector in the
+    world frame."""
     off = math.sqrt(float(spread.bias @ spread.bias))
-    if off < max(_MIN_SHIFT_M, _NEGLIGIBLE_SHARE * largest_of(among)):
+    if off < max(1e-7, _NEGLIGIBLE_SHARE * largest_of(among)):
         return "Mean shift", "negligible"
     vector = shift(list(map(float, spread.bias)), among)
     return "Mean shift", f"{length(off, among=among)} from the nominal tool point: {vector}"
@@ -307,3 +267,52 @@ def sigma_of(problem: ProblemData) -> dict[str, float]:
     """Standard deviation of every source that the task sees [rad or m], by the names that the file has."""
     sources = problem.task_sources
     return dict(zip(map(stated_name, sources.names), map(float, sources.sigma), strict=True))
+
+
+Fact = tuple[str, str]
+
+
+def distance_facts(scene: Scene, clearance: Clearance | None) -> list[Fact]:
+    """How near the arm comes to the cell and to itself, and where; nothing where it is not checked."""
+    if clearance is None:
+        return []
+    facts = []
+    for name, nearest in (("Clearance to the cell", clearance.cell), ("Clearance to itself", clearance.own)):
+        if nearest is not None:
+            apart = length(nearest.distance) if nearest.distance > 0 else "none"
+            facts.append((name, f"{apart} between {' and '.join(nearest.between)}"))
+    return facts
+
+
+def clear_words(scene: Scene) -> str:
+    """What postures that an arm is sent to keep clear of."""
+    if not scene.active:
+        return "nothing is checked for collisions" if scene.switched_off else "the arm has no links that could collide"
+    parts = ["the arm clear of itself"] if scene.own else []
+    parts += ["of " + listed(obstacle.name for obstacle in scene.obstacles)] if scene.obstacles else []
+    radius = (
+        f", with capsules of radius {length(float(scene.placed.radii[0]), 2)} along its links" if scene.assumed else ""
+    )
+    kept = f" by {stated_length(scene.margin)}" if scene.margin else ""
+    return f"{' and '.join(parts)}{kept}{radius}"
+
+
+def joint_heads(robot: Robot) -> list[str]:
+    """Heads of columns of joint values, with deg or mm."""
+    return [f"{joint.name} [{joint_unit(joint.type)[0]}]" for joint in robot.joints]
+
+
+def joint_cells(robot: Robot, q: Vector, decimals: int = 1) -> list[str]:
+    """Joint values (n,) [rad or m] in the units of their heads."""
+    return [fixed(float(v) * joint_unit(joint.type)[1], decimals) for v, joint in zip(q, robot.joints, strict=True)]
+
+
+def joint_columns(robot: Robot, Q: Array) -> dict[str, Array]:
+    """Postures (N, n) [rad or m] as columns in deg or mm."""
+    factors = [joint_unit(joint.type)[1] for joint in robot.joints]
+    return {head: factors[k] * Q[:, k] for k, head in enumerate(joint_heads(robot))}
+
+
+def point_columns(points: Array) -> dict[str, Array]:
+    """Points (N, 3) [m] as columns in mm."""
+    return {f"{axis} [mm]": 1e3 * points[:, k] for k, axis in enumerate("xyz")}

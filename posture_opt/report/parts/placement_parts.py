@@ -10,8 +10,7 @@ import numpy as np
 from posture_opt.report.parts.task_parts import critical_size
 from posture_opt.report.text.blocks import Block, Facts, Table
 from posture_opt.report.text.words import direction_words
-from posture_opt.selection.answer.placement import COORDINATES, placement_text
-from posture_opt.selection.answer.shared_placement import PlacementFigure
+from posture_opt.selection.answer.placement import COORDINATES, PlacementFigure, placement_text
 from posture_opt.statements.notation import (
     angle,
     joint_unit,
@@ -27,8 +26,7 @@ from posture_opt.uncertainty.spread.joint_digits import readable_digits
 from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:
-    from posture_opt.selection.answer.placement import PlacementRange
-    from posture_opt.selection.answer.shared_placement import Placement
+    from posture_opt.selection.answer.placement import Placement, PlacementRange
     from posture_opt.selection.answer.solution import Solution
 
 
@@ -48,7 +46,6 @@ def features_facts(found: Solution) -> list[tuple[str, str]]:
 
 
 def _range(placement: PlacementRange) -> str:
-    """Where the workpiece may stand."""
     texts = []
     for k, name in enumerate(COORDINATES):
         write = stated_angle if k == 3 else stated_length
@@ -58,7 +55,6 @@ def _range(placement: PlacementRange) -> str:
 
 
 def _sigma_unit(found: Solution) -> tuple[str, float]:
-    """The unit of all standard deviations of the report, and the factor from m to it: that of the answer."""
     return length_unit([float(s) for s in found.sigmas])
 
 
@@ -85,7 +81,6 @@ def features_block(found: Solution) -> Block:
 
 
 def _share(p: float | None) -> str:
-    """A probability in percent, as tables have it."""
     return "" if p is None else probability(p).removesuffix(" %")
 
 

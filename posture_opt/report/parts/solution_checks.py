@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from posture_opt.selection.answer.solution import Solution
     from posture_opt.selection.program.nlp import Nlp, Row
 
-_MAX_BOUND_RATIO = 100.0  # times: a bound that is farther below the answer says nothing about it
 _LENGTH_PARAMETERS = ("lower", "upper", "clearance", "lever")
 _PARAMETER_MEANINGS = {
     "lower": "box of the target, lower corner",
@@ -60,9 +59,9 @@ def checks_block(solution: Solution) -> Block:
 
 
 def _lower_bound(solution: Solution) -> list[tuple[str, float]]:
-    """The bound that no posture beats, with the source that sets it."""
     bound = solution.lower_bound
-    if bound is None or solution.critical.sigma_max > _MAX_BOUND_RATIO * bound.sigma:
+    # A bound 100 times below the answer says nothing about it.
+    if bound is None or solution.critical.sigma_max > 100.0 * bound.sigma:
         return []
     lever = f", lever {length(bound.radius, 4)}" if math.isfinite(bound.radius) and bound.radius > 0 else ""
     return [(f"lower bound ({bound.source} {percent(bound.share)}{lever})", bound.sigma)]
@@ -84,13 +83,11 @@ def explain_report(solution: Solution) -> Document:
 
 
 def _objective(nlp: Nlp, values: Values) -> Table:
-    """Terms of the objective with their values."""
     rows = [(name, _plain(float(value))) for (name, _), value in zip(nlp.terms, values.terms, strict=True)]
     return Table(("term", "value"), (*rows, ("objective", _plain(values.objective))))
 
 
 def _variables(nlp: Nlp, q: Array) -> Table:
-    """Joint values between their limits."""
     rows = tuple(
         (v.name, *(quantity(float(x), v.unit) for x in (v.lower, value, v.upper)), _binding(v.lower, value, v.upper))
         for v, value in zip(nlp.variables, q, strict=True)
@@ -99,7 +96,6 @@ def _variables(nlp: Nlp, q: Array) -> Table:
 
 
 def _rows(nlp: Nlp, values: Values) -> Table:
-    """Rows between their ends."""
     rows = tuple(
         (row.name, *_end_texts(row, float(low), float(value), float(high)), _binding(low, value, high))
         for row, low, value, high in zip(nlp.rows, values.row_lower, values.rows, values.row_upper, strict=True)
@@ -108,7 +104,6 @@ def _rows(nlp: Nlp, values: Values) -> Table:
 
 
 def _end_texts(row: Row, low: float, value: float, high: float) -> list[str]:
-    """Lower end, value and upper end in words: sizes without a sign, the probability of success for a miss."""
     ends = [row.shown(low), row.shown(high)]
     if ends[0] == ends[1] and low < high:
         ends[0] = -math.inf
@@ -116,7 +111,6 @@ def _end_texts(row: Row, low: float, value: float, high: float) -> list[str]:
 
 
 def _binding(low: float, value: float, high: float) -> str:
-    """Whether a value is at an end, or beyond."""
     tolerance = 1e-6
     if value < low - tolerance or value > high + tolerance:
         return "violated"
@@ -126,11 +120,7 @@ def _binding(low: float, value: float, high: float) -> str:
 
 
 def _parameters(target: TaskTarget, levered: bool) -> Table:
-    """Parameters of the target with their meaning, but for those that say nothing here.
-
-    Args:
-        levered: whether the workpiece errs, so that the lever counts.
-    """
+    """Parameters of the target with their meaning, but for those that say nothing here."""
     rows, at = [], 0
     along = np.array_equal(target.axis, target.direction)  # then the tool axis is stated above
     hidden = (
@@ -148,7 +138,6 @@ def _parameters(target: TaskTarget, levered: bool) -> Table:
 
 
 def _entries(name: str, entries: list[float]) -> str:
-    """Numbers of a parameter in its unit."""
     if name in _LENGTH_PARAMETERS:
         return ", ".join("free" if abs(v) >= FREE else quantity(v, "m") for v in entries)
     if name == "scale":
@@ -157,5 +146,4 @@ def _entries(name: str, entries: list[float]) -> str:
 
 
 def _plain(value: float) -> str:
-    """A number without a unit."""
     return f"{value:.6g}" if math.isfinite(value) else UNKNOWN

@@ -1,33 +1,101 @@
-"""What reports say of a spread as the task sees it: across or along, its 95 % region, its probability of success."""
+"""What reports say of a spread as the task sees it: error budget, 95 % region, probability of success.
+
+Shares are of the variance along one axis: they add up to 100 %, and a share of 60 % removed leaves 63 % of σ.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from posture_opt.model.arm import Arm
 from posture_opt.numerics import Array
 from posture_opt.report.page.presenter import problem_of
-from posture_opt.report.parts.budget_parts import budget_block
-from posture_opt.report.parts.parts import lean
-from posture_opt.report.text.blocks import Block, Facts
-from posture_opt.report.text.words import CRITERIA, REGIONS, direction_words, line_words, part_words
-from posture_opt.statements.notation import angle, length, lengths, probability, stated_length
+from posture_opt.report.parts.parts import lean, sigma_of
+from posture_opt.report.text.blocks import Block, Facts, Table
+from posture_opt.report.text.words import CRITERIA, REGIONS, direction_words, line_words
+from posture_opt.selection.registered_tasks import part_words
+from posture_opt.statements.notation import angle, length, lengths, percent, probability, stated_length
 from posture_opt.uncertainty.regions.regions import Ellipsoid
+from posture_opt.uncertainty.sources.source_names import source_size, source_words
+from posture_opt.uncertainty.spread.budget import SHARE_TOLERANCE, ShareGroup
 from posture_opt.units import fixed, shown
 
 if TYPE_CHECKING:
+    from posture_opt import Spread, Task
     from posture_opt.selection.problem_data import ProblemData
-    from posture_opt.selection.tasks import Task
     from posture_opt.uncertainty.regions.critical import Critical
     from posture_opt.uncertainty.spread.peg_spread import PegSpread
-    from posture_opt.uncertainty.spread.spread import Spread
     from posture_opt.uncertainty.spread.task_spread import TaskSpread
 
+_MAX_NAMED_SOURCES = 3  # sources of a group that are named
+
+
+def budget_block(problem: ProblemData, groups: Sequence[ShareGroup], sentence: str) -> Block:
+    """Where a variance comes from: the sentence that says which, the shares, and what a line of several sources is."""
+    together = any(len(group.parameters) > 1 for group in main_groups(groups)[0])
+    note = ("Sources on one line are correlated and partly cancel: only their combined share is meaningful.",)
+    table = budget_table(problem.arm, groups, sigma_of(problem))
+    items = (sentence, table, *(note if together else ()))
+    return Block("Error budget", items, figure="budget", brief=())
+
+
+def main_fact(groups: Sequence[ShareGroup]) -> tuple[str, str]:
+    """The largest contributions in one line: at most three sources with their shares of the variance [%]."""
+    largest = [
+        f"{named(group.parameters)} {_share(group.share)}" for group in groups[:_MAX_NAMED_SOURCES] if group.share > 0
+    ]
+    return "Main contributions", ", ".join(largest) or "none"
+
+
+def main_groups(groups: Sequence[ShareGroup]) -> tuple[list[ShareGroup], list[ShareGroup]]:
+    """The lines that are shown one by one, and those that are lumped: none or at least two."""
+    # Below 1 % of the variance, sources are lumped.
+    shown = [group for group in groups if group.share >= 0.01][:12] or list(groups[:1])
+    rest = [group for group in groups if group not in shown]
+    return ([*shown, *rest], []) if len(rest) == 1 else (shown, rest)
+
+
+def budget_table(arm: Arm, groups: Sequence[ShareGroup], sigma: Mapping[str, float]) -> Table:
+    """Shares of the sources in a variance, cumulated; the small ones lumped; ``sigma`` [rad or m]."""
+    shown, rest = main_groups(groups)
+    rows, total = [], 0.0
+    for group in shown:
+        total += group.share
+        (first, *others) = group.parameters
+        size = "" if others else source_size(first, sigma.get(first, math.nan), arm)
+        rows.append((group_words(group, arm), named(group.parameters), size, _share(group.share), percent(total)))
+    if rest:
+        lumped = sum(group.share for group in rest)
+        rows.append((others_words(rest), "", "", _share(lumped), percent(total + lumped)))
+    return Table(("source", "parameter", "standard deviation", "share", "cumulative"), tuple(rows), text_columns=2)
+
+
+def group_words(group: ShareGroup, arm: Arm) -> str:
+    """A source in words; several that correlate by name, the first of many."""
+    words = named([source_words(name, arm) for name in group.parameters])
+    return words if len(group.parameters) == 1 else f"{words} (correlated)"
+
+
+def others_words(groups: Sequence[ShareGroup]) -> str:
+    """How many sources are lumped."""
+    return f"{sum(len(group.parameters) for group in groups)} others"
+
+
+def named(parameters: Sequence[str]) -> str:
+    """Names as the file has them, the first few of many."""
+    more = len(parameters) - _MAX_NAMED_SOURCES
+    return ", ".join([*parameters[:_MAX_NAMED_SOURCES], *([f"{more} more"] if more > 0 else [])])
+
+
+def _share(share: float) -> str:
+    return percent(0.0 if -SHARE_TOLERANCE < share < 0 else share)
+
+
 _TARGET_TOLERANCE_M = 1e-4  # m: a tool point that is farther from the target of the task stands at another place
-_MIN_PROBABILITY = 1e-6
-_TILT_TOLERANCE_DEG = 0.05  # deg: less is the rounding of joint values as people type them
 _PART_NAMES = {"across": "Across", "along": "Along", "all": "In space"}
 
 
@@ -62,7 +130,6 @@ def clearance_facts(seen: TaskSpread) -> list[tuple[str, str]]:
 
 
 def _peg_rows(peg: PegSpread, among: list[float]) -> list[tuple[str, str]]:
-    """Both ends of the peg, its tilt, and what the tilt may do."""
     ends = (("Tip", peg.tip), ("Top end", peg.top))
     rows = [(name, f"{length(end.sigma_max, among=among)} standard deviation (worst axis)") for name, end in ends]
     rows.append(("Tilt", f"{shown(peg.tilt_sigma, 'angle')} standard deviation (worst axis)"))
@@ -75,7 +142,6 @@ def _peg_rows(peg: PegSpread, among: list[float]) -> list[tuple[str, str]]:
 
 
 def _yaw_rows(seen: TaskSpread, among: list[float]) -> list[tuple[str, str]]:
-    """The rotation about the direction, and what a corner of the part makes of it."""
     if seen.yaw is None:
         return []
     rows = [("Yaw", f"{angle(seen.yaw.sigma)} standard deviation about the direction")]
@@ -87,7 +153,6 @@ def _yaw_rows(seen: TaskSpread, among: list[float]) -> list[tuple[str, str]]:
 
 
 def _expanded_rows(seen: TaskSpread, among: list[float]) -> list[tuple[str, str]]:
-    """What is stated with a measured value: U = k u."""
     if seen.expanded is None or seen.expansion is None:
         return []
     along, worst = (length(v, among=among) for v in seen.expanded)
@@ -100,7 +165,7 @@ def _expanded_rows(seen: TaskSpread, among: list[float]) -> list[tuple[str, str]
 
 
 def _tilt_probability(p: float) -> str:
-    return "< 1e-6" if p < _MIN_PROBABILITY else f"{100 * p:.2g} %"
+    return "< 1e-6" if p < 1e-6 else f"{100 * p:.2g} %"
 
 
 def lean_facts(spread: Spread) -> list[tuple[str, str]]:
@@ -109,7 +174,8 @@ def lean_facts(spread: Spread) -> list[tuple[str, str]]:
     if seen is None or task is None or task.axis == "free" or len(spread.basis) == 2:
         return []
     leaning = math.degrees(lean(spread, task.tool_axis, seen.direction))
-    beyond = leaning > math.degrees(task.tilt) + _TILT_TOLERANCE_DEG
+    # Less than 0.05 deg is the rounding of joint values as people type them.
+    beyond = leaning > math.degrees(task.tilt) + 0.05
     return [("Tool axis", f"tilted {fixed(leaning)} deg from the task direction")] if beyond else []
 
 

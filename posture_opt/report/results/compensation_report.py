@@ -7,20 +7,18 @@ compensation together with what is uncertain.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from posture_opt.model.arm_state import REFERENCE_TEMPERATURE
 from posture_opt.numerics import Array, rms
+from posture_opt.report.figures.errors import plot_compensation
 from posture_opt.report.figures.residuals import chosen_rows
-from posture_opt.report.figures.row_errors import plot_compensation
-from posture_opt.report.interactive.arm_view import VIEWED_ROWS, ArmView, ShownPosture
-from posture_opt.report.page.presenter import Columns, Drawings, Presenter
+from posture_opt.report.page.presenter import Columns, Presenter
 from posture_opt.report.page.save import Files
-from posture_opt.report.parts.collision_parts import distance_facts
-from posture_opt.report.parts.parts import note_facts, robot_facts
+from posture_opt.report.parts.parts import distance_facts, note_facts, robot_facts
+from posture_opt.report.scene.arm_view import VIEWED_ROWS, ArmView, ShownPosture
 from posture_opt.report.text.blocks import Block, Document, Facts, Summary, Table
 from posture_opt.statements.notation import angle, count, length, length_unit
 from posture_opt.units import ERROR_UNITS, number
@@ -30,7 +28,6 @@ if TYPE_CHECKING:
     from posture_opt.selection.problem_data import ProblemData
 
 _MAX_ROWS = 40
-_LENGTH_ROUNDING_M = 1e-9  # m: rounding
 _ORIGINS = {
     "given": "given; the compensated ones stay as near to them as the target allows",
     "given as targets": "given, and the targets are where the nominal arm would be with them",
@@ -40,11 +37,7 @@ _ORIGINS = {
 
 
 def gain_blocks(problem: ProblemData, found: Compensation) -> tuple[Block, Block]:
-    """Errors before and after, in position and orientation; what the arm is computed with.
-
-    Rows: RMS and largest position error (µm or mm), and RMS orientation error [mrad] where the targets have one. The
-    facts below name the inputs of the effects and the largest change of each joint over all rows.
-    """
+    """Errors before and after, in position and orientation; what the arm is computed with."""
     left = length_unit([rms(found.off), rms(found.left)])
     unit, factor = left
     sizes = [("position, RMS", rms), ("position, largest", lambda v: float(np.max(v)))]
@@ -67,13 +60,11 @@ def gain_blocks(problem: ProblemData, found: Compensation) -> tuple[Block, Block
 
 
 def _numbers(metres: Sequence[float], factor: float) -> list[str]:
-    """Lengths side by side, with digits for the larger one."""
     largest = factor * max(metres)
-    return [number(factor * value, 3, largest) if value > _LENGTH_ROUNDING_M else "0" for value in metres]
+    return [number(factor * value, 3, largest) if value > 1e-9 else "0" for value in metres]
 
 
 def _computed_for(found: Compensation) -> list[tuple[str, str]]:
-    """The inputs of effects in the rows: of their columns, else of the task; nothing for an arm without effects."""
     arm, rows = found.problem.arm, found.targets
     asked = {need for effect in arm.effects for need in (*effect.asks, *effect.needs)}
     texts = []
@@ -88,7 +79,6 @@ def _computed_for(found: Compensation) -> list[tuple[str, str]]:
 
 
 def _range(values: Array | None, stated: float) -> str:
-    """One value, or the least and the largest of a column."""
     low, high = (stated, stated) if values is None else (float(np.min(values)), float(np.max(values)))
     return f"{low:.6g}" if low == high else f"{low:.6g} to {high:.6g}"
 
@@ -104,11 +94,7 @@ def _changes(found: Compensation, change: np.ndarray) -> list[str]:
 
 
 def rows_block(found: Compensation) -> Block:
-    """The rows with their compensated joint values.
-
-    Joints have the digits of the file, deg or mm; "off" and "left" are in the unit of their RMS. Rows beyond the
-    largest number are in ``compensated.csv`` only.
-    """
+    """The rows with their compensated joint values."""
     unit, factor = length_unit([rms(found.off), rms(found.left)])
     headers = ("line", *(head for _, head, _ in found.headers), f"off [{unit}]", f"left [{unit}]")
     rows = tuple(
@@ -128,10 +114,10 @@ class CompensationPresenter(Presenter["Compensation"]):
     """Compensated targets; ``compensated.csv`` has the joint values to command."""
 
     stem = "compensation"
-    delivers: ClassVar[tuple[str, ...]] = ("compensated.csv",)
+    plots: ClassVar = {"compensation": plot_compensation}
+    delivers = ("compensated.csv",)
 
     def summary(self) -> Summary:
-        """RMS errors as given and compensated, orientation where there is one, and the largest change of a joint."""
         found = self.result
         among = [rms(found.off), rms(found.left)]
         turned: tuple[tuple[str, str], ...] = ()
@@ -146,17 +132,11 @@ class CompensationPresenter(Presenter["Compensation"]):
         return Summary(f"{count(len(found), 'compensated target')}: {found.problem.name}", facts)
 
     def document(self) -> Document:
-        """What the compensation brings, what was computed with, the rows."""
         found, name = self.result, self.problem.name
         title = f"Compensated targets: {name}" if name else "Compensated targets"
         return Document(title, found.statements, (*gain_blocks(self.problem, found), rows_block(found)))
 
-    def drawings(self) -> Drawings:
-        """The error at every target, before and after."""
-        return {"compensation": partial(plot_compensation, self.result)}
-
     def view(self) -> ArmView:
-        """The compensated rows, coloured by what is left of their error."""
         found = self.result
         unit, factor = length_unit(found.left.tolist())
         postures = tuple(
@@ -173,7 +153,6 @@ class CompensationPresenter(Presenter["Compensation"]):
         return ArmView(robot, postures, "Target", scene, points=True, values=f"left [{unit}]")
 
     def columns(self) -> Columns:
-        """Line of the file, joint values [deg or mm], and the errors [mm] before and after, one row a target."""
         found = self.result
         joints = {head: found.q[:, j] / factor for j, (_, head, factor) in enumerate(found.headers)}
         return {
@@ -184,5 +163,4 @@ class CompensationPresenter(Presenter["Compensation"]):
         }
 
     def files(self) -> Files:
-        """``compensated.csv``: the rows of the targets with the joint values to command."""
         return {"compensated.csv": self.result.to_csv().encode()}

@@ -11,7 +11,6 @@ from posture_opt.report.text.text import render
 
 SCREEN = 45
 """Lines of the report, the last of which says what else there is."""
-_MAX_NAMED_ROWS = 8  # rows left out of a table that are named below it
 _MAX_NAMED_SECTIONS = 3  # sections that the last line names
 
 
@@ -78,26 +77,23 @@ class _Shown:
 
 
 def _height(table: Table) -> int:
-    """Rows of a table."""
     return len(table.rows)
 
 
 def _cut(table: Table, rows: int) -> tuple[Table, str]:
-    """So many rows of a table, and how many are left out; by name where rows begin with words."""
     short = table.cut(rows)
     left = [row[0] for row in table.rows if row not in short.rows]
-    named = table.text_columns > 0 and len(left) <= _MAX_NAMED_ROWS and all(left)
+    # Up to eight rows left out are named.
+    named = table.text_columns > 0 and len(left) <= 8 and all(left)
     return short, f"… {len(table.rows) - rows} more{f': {enumerated(left)}' if named else ''}"
 
 
 def _dispensable(kept: Sequence[Block], excess: int, width: int) -> int | None:
-    """The last block that is so long that the rest fits without it, else the last; None where all stay."""
     sizes = {k: _lines(Document("", (), (block,)), width) - 1 for k, block in enumerate(kept) if not block.stays}
     return max((k for k, size in sizes.items() if size >= excess), default=max(sizes, default=None))
 
 
 def _ended(report: Document, kept: Sequence[_Shown], saved: Sequence[str]) -> Document:
-    """The kept blocks, and a line on the others."""
     blocks = tuple(shown.block for shown in kept)
     shown = {block.title for block in blocks}
     left = [block.title for block in report.blocks if block.title not in shown]
@@ -116,10 +112,8 @@ def more_words(left: Iterable[str], whole: bool, saved: Sequence[str]) -> str:
 
 
 def _lowered(title: str) -> str:
-    """A title inside a sentence; abbreviations keep their capitals."""
     return title if title[1:2].isupper() else title[:1].lower() + title[1:]
 
 
 def _lines(report: Document, width: int) -> int:
-    """Lines of a report at a width."""
     return render(report, width).rstrip("\n").count("\n") + 1

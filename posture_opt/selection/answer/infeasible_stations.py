@@ -23,11 +23,8 @@ from posture_opt.selection.answer.infeasible import (
     words_of,
 )
 from posture_opt.selection.program.task_target import TaskTarget
-from posture_opt.selection.search.change import Change
 from posture_opt.selection.search.elastic_problem import TARGET, Compromise
-from posture_opt.selection.search.relaxation import Reason, Relaxation, plane_reason
-
-_MAX_STATIONS = 40  # that fail and are asked, spread evenly
+from posture_opt.selection.search.relaxation import Change, Reason, Relaxation, plane_reason
 
 
 @dataclass(frozen=True)
@@ -47,12 +44,7 @@ class _SharedWay:
 
 
 def explain_stations(inquiry: Infeasibility, targets: Sequence[TaskTarget], names: Sequence[str]) -> Explanation:
-    """The reasons at the station that lacks most, with its name, and what makes all of them possible.
-
-    Args:
-        inquiry: into the failure at one of the stations, which decides what may give; ``does`` solves the whole task.
-        targets: of the stations that fail, in their order, with their ``names``.
-    """
+    """The reasons at the station that lacks most, and changes that do for all; ``targets`` are those that fail."""
     reach = inquiry.problem.reach
     outside = [
         (reason, name) for target, name in zip(targets, names, strict=True) if (reason := plane_reason(reach, target))
@@ -60,7 +52,8 @@ def explain_stations(inquiry: Infeasibility, targets: Sequence[TaskTarget], name
     if outside:
         reason, name = max(outside, key=lambda pair: pair[0].amount)
         return Explanation(inquiry.nearest, (replace(reason, message=f"{name}: {reason.message}"),))
-    chosen = np.unique(np.linspace(0, len(targets) - 1, min(_MAX_STATIONS, len(targets))).round().astype(int)).tolist()
+    # At most 40, spread evenly
+    chosen = np.unique(np.linspace(0, len(targets) - 1, min(40, len(targets))).round().astype(int)).tolist()
     targets, names = [targets[k] for k in chosen], [names[k] for k in chosen]
     start = min(range(len(targets)), key=lambda k: float(np.linalg.norm(targets[k].lower - inquiry.target.lower)))
     ways = [_shared(inquiry, own, targets, start) for own in inquiry.ways() if not own[1].met]
@@ -81,14 +74,9 @@ def explain_stations(inquiry: Infeasibility, targets: Sequence[TaskTarget], name
 
 
 def _shared(
-    inquiry: Infeasibility,
-    own: tuple[tuple[str, ...], Compromise],
-    targets: Sequence[TaskTarget],
-    start: int,
+    inquiry: Infeasibility, own: tuple[tuple[str, ...], Compromise], targets: Sequence[TaskTarget], start: int
 ) -> _SharedWay | None:
-    """The least that the same requirements must give at every station, from one of them outwards; None where one of
-    them cannot be done so.
-    """
+    """The least that these requirements must give at every station, from ``start`` outwards; None where one fails."""
     names, first = own
     found: dict[int, Compromise] = {}
     for order in (range(start, len(targets)), range(start - 1, -1, -1)):
@@ -105,7 +93,6 @@ def _shared(
 def _reasons(
     inquiry: Infeasibility, way: _SharedWay, targets: Sequence[TaskTarget], names: Sequence[str]
 ) -> tuple[Reason, ...]:
-    """What is missed at the station that lacks most."""
     worst = way.worst
     at = replace(inquiry, found=replace(inquiry.found, target=targets[worst]))
     found = at.reasons(way.names, way.ways[worst])
@@ -115,7 +102,6 @@ def _reasons(
 def _relaxation(
     inquiry: Infeasibility, way: _SharedWay, targets: Sequence[TaskTarget], names: Sequence[str]
 ) -> Relaxation | None:
-    """The loosest of the changes that the stations need, with the first digits that do."""
     written = (_changes(inquiry, way, targets, attempt) for attempt in ATTEMPTS if not attempt.digits)
     changes = first_that_does(written, lambda changes: inquiry.does(changes, way.ways[way.worst].q))
     if changes is None:
@@ -127,13 +113,11 @@ def _relaxation(
 def _changes(
     inquiry: Infeasibility, way: _SharedWay, targets: Sequence[TaskTarget], attempt: Attempt
 ) -> tuple[Change, ...]:
-    """What to change for all stations: at each key the loosest value that any of them needs."""
     assert inquiry.asked is not None
     assert inquiry.asked.task is not None
     task, loosest = inquiry.asked.task, dict[str, Change]()
-    requirements = inquiry.elastic.requirements
     for target, one in zip(targets, way.ways, strict=True):
-        given = [name for name in way.names if one.lacking[requirements.index(name)] > 0]
+        given = [name for name in way.names if one.lacking[name] > 0]
         changes = Changes(inquiry.problem, task, inquiry.elastic, target, one, attempt).of(given)
         if given and not changes:
             return ()

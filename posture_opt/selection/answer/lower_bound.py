@@ -23,29 +23,17 @@ from posture_opt.uncertainty.sources.workpiece import of_workpiece, relative_twi
 
 @dataclass(frozen=True)
 class LowerBound:
-    """A lower bound on the largest standard deviation [m], the source that sets it and that one's share of it.
+    """A lower bound on the largest standard deviation, the source that sets it and its share."""
 
-    Args:
-        point: (3,) where in the target the bound is least.
-        radius: distance [m] of that point from the axis of the source, NaN where the source is a shift.
-    """
-
-    sigma: float
+    sigma: float  # [m]
     source: str
     share: float
-    point: Array
-    radius: float
+    point: Array  # (3,) in the target, where the bound is least
+    radius: float  # distance [m] of that point from the source's axis, NaN of a shift
 
 
 def lower_bound(tool_point: ToolPoint, target: TaskTarget, basis: Array) -> LowerBound | None:
-    """The bound for the part of the spread in ``basis`` (3, m); None where nothing fixed is uncertain, or where
-    what is does not move the tool point in that part.
-
-    For a region it is the least over the region: the bound is a convex function of the point.
-
-    Args:
-        tool_point: at the lever of the target.
-    """
+    """The bound for the spread in ``basis`` (3, m), seen from the target's lever; over a region the least one."""
     fixed, beside = _fixed_sources(tool_point), _WorkpieceErrors.of(tool_point)
     if not (fixed or beside.names) or target.kind == "anywhere":
         return None
@@ -92,7 +80,6 @@ class _WorkpieceErrors:
 
 
 def _joined(A: Array, B: Array) -> Array:
-    """Both square matrices as the blocks of one."""
     return np.block([[A, np.zeros((len(A), len(B)))], [np.zeros((len(B), len(A))), B]])
 
 
@@ -142,7 +129,6 @@ def _fixed_sources(tool_point: ToolPoint) -> list[int]:
 
 
 def _conditional(covariance: Array, fixed: list[int]) -> Array:
-    """Covariance of the fixed sources given all others: what remains when those are known."""
     other = [k for k in range(len(covariance)) if k not in fixed]
     ff, fo, oo = covariance[np.ix_(fixed, fixed)], covariance[np.ix_(fixed, other)], covariance[np.ix_(other, other)]
     remaining = ff - fo @ np.linalg.pinv(oo) @ fo.T if other and np.any(fo) else ff
@@ -152,8 +138,6 @@ def _conditional(covariance: Array, fixed: list[int]) -> Array:
 
 
 def _least(columns: _Levers, covariance: Array, target: TaskTarget, basis: Array) -> Array:
-    """The point of the box with the least bound, by halving a pattern search: smooth enough, convex, 3 unknowns."""
-
     def value(point: Array) -> float:
         J = basis.T @ columns.at(point)
         return float(np.linalg.eigvalsh(J @ covariance @ J.T)[-1])

@@ -13,7 +13,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -27,37 +26,22 @@ from posture_opt.selection.search.engine import Engine
 from posture_opt.selection.solvers import Ends
 
 _LEAST_MULTIPLIER = 1e-5  # of the scaled objective: what is worth less changes no digit that is stated
-_CHECKED_CHANGE = 1e-5  # of σ: by which a requirement is loosened to see whether its price is right
-_CHECKED_STEP = 0.1  # of a step that people take: what it is loosened by at most for that
-_CHECKED_TOLERANCE = 0.03  # of a price: what it may differ by from that change, which is no derivative
-_STEPS = {"rad": math.radians(1.0), "m": 1e-3}
-"""By what people loosen a requirement [rad or m]: a degree, a millimetre."""
-_BOUND_SHARE = 0.1  # of a bound: the largest step where these are larger than the bound itself, or of other units
-_SLOPE_STEP = 1e-6  # of a bound, to see how what users state changes with it
+_STEPS = {"rad": math.radians(1.0), "m": 1e-3}  # by which people loosen a requirement: a degree, a millimetre
+_SIDES = "lower", "upper"
 
 
 @dataclass(frozen=True)
 class Price:
-    """What one unit of a requirement is worth.
+    """What one unit of a requirement is worth."""
 
-    Args:
-        requirement: ``tilt``, ``region.x``, ``JOINT.limits``, the name of a term or of what is to be kept clear of.
-        value: [m] of σ for each ``unit`` by which it is loosened; negative where that makes σ larger, as it may where
-            something else is minimised.
-        unit: of the requirement, SI: ``rad``, ``m``, or that of a term.
-        side: the end that holds, ``upper`` or ``lower``, of what is stated.
-        step: by what people would loosen it [unit]; ``gain`` is what σ falls by then [m], by a new solve, or NaN.
-    """
-
-    requirement: str
-    value: float
-    unit: str
-    side: str
-    step: float
-    gain: float
+    requirement: str  # tilt, region.x, JOINT.limits, a term, or what is to be kept clear of
+    value: float  # [m] of σ for each unit by which it is loosened
+    unit: str  # of the requirement, SI
+    side: str  # the end that holds, upper or lower
+    step: float  # by what people would loosen it [unit]
+    gain: float  # [m] of σ by that step, solved again; NaN without a solution
 
     def to_json(self) -> dict[str, Json]:
-        """Plain numbers, SI."""
         after = {"loosened_by": self.step, "gain": finite_or_none(self.gain)}
         stated = ("requirement", "value", "unit", "side")
         return {**{name: getattr(self, name) for name in stated}, "solved_again": after}
@@ -65,20 +49,14 @@ class Price:
 
 @dataclass(frozen=True)
 class HeldEnd:
-    """One end of a row or variable that holds an answer.
+    """One end of a row or variable that holds an answer."""
 
-    Args:
-        index: of the row, or of the variable where ``row`` is false.
-        shift: change of that end for one unit by which the requirement is loosened; ``bend`` for its square.
-        multiplier: of the scaled objective.
-    """
-
-    row: bool
+    row: bool  # a row, else a variable
     index: int
     upper: bool
-    shift: float
-    multiplier: float
-    bend: float = 0.0
+    shift: float  # of the end for one unit of the requirement
+    multiplier: float  # of the scaled objective
+    bend: float = 0.0  # of the end for the square of a unit
 
 
 @dataclass(frozen=True)
@@ -93,7 +71,6 @@ class Held:
 
     @property
     def worth(self) -> float:
-        """Decrease of the scaled objective for each unit."""
         return sum(end.multiplier * end.shift for end in self.ends)
 
     def loosened(self, ends: Ends, amount: float) -> Ends:
@@ -109,113 +86,79 @@ class Held:
 
 
 def prices_of(engine: Engine, target: TaskTarget, said: Confirmation | None) -> tuple[Price, ...]:
-    """The prices of what holds one posture, largest worth first; empty where IPOPT did not confirm it."""
+    """Prices of what holds one posture that a new solve confirms, largest worth first; empty where IPOPT did not."""
     if said is None or not len(said.q) or said.differs:
         return ()
-    return _Priced(engine, target, said).prices
+    problem, parameters, found = engine.optimisation_problem, target.parameters, []
+    sigma = engine.screened(said.q[None], parameters)[0].sigma
+    task = problem.task
+    of_variance = task.criterion == "worst" and not task.minimize and not task.yaw_lever
 
-
-@dataclass(frozen=True)
-class _Priced:
-    """The prices of one confirmed posture."""
-
-    engine: Engine
-    target: TaskTarget
-    said: Confirmation
-
-    @property
-    def prices(self) -> tuple[Price, ...]:
-        """Those that a new solve confirms."""
-        held = held_by(self.engine.optimisation_problem, self.target, self.said) if self._sigma > 0 else []
-        found = [(one, value) for one in held if (value := self._value(one)) is not None]
-        return tuple(
-            Price(one.requirement, value, one.unit, one.side, one.step, self._sigma - self._again(one, one.step))
-            for one, value in found
-        )
-
-    @cached_property
-    def _sigma(self) -> float:
-        """σ [m] of the program at the posture."""
-        return self.engine.screened(self.said.q[None], self.target.parameters)[0].sigma
-
-    def _value(self, held: Held) -> float | None:
-        """The price [m per unit]; None where solving again does not confirm it."""
-        if not minimises_variance(self.engine.optimisation_problem):
-            step = _CHECKED_STEP * held.step
-            slope = (self._again(held, -step) - self._again(held, step)) / (2 * step)
-            return slope if math.isfinite(slope) else None
-        price = held.worth * self.target.scale / (2 * self._sigma)
-        step = min(_CHECKED_STEP * held.step, _CHECKED_CHANGE * self._sigma / price)
-        gain = (self._sigma - self._again(held, step)) / step
-        return price if abs(gain - price) <= _CHECKED_TOLERANCE * price else None
-
-    def _again(self, held: Held, amount: float) -> float:
+    def again(held: Held, amount: float) -> float:
         """σ [m] with a requirement loosened by ``amount`` units, from the posture; NaN where nothing is found."""
-        parameters = self.target.parameters
-        ends = held.loosened(self.engine.optimisation_problem.nlp.ends(parameters), amount)
-        outcome = self.engine.confirming.solve(self.said.q, parameters, ends)
-        return self.engine.screened(outcome.x[None], parameters)[0].sigma if outcome.optimal else math.nan
+        ends = held.loosened(problem.nlp.ends(parameters), amount)
+        outcome = engine.confirming.solve(said.q, parameters, ends)
+        return engine.screened(outcome.x[None], parameters)[0].sigma if outcome.optimal else math.nan
 
-
-def minimises_variance(problem: OptimisationProblem) -> bool:
-    """Whether the objective is the variance along the worst axis over its scale, and nothing else."""
-    return problem.task.criterion == "worst" and not problem.task.minimize and not problem.task.yaw_lever
+    for held in held_by(problem, target, said) if sigma > 0 else []:
+        step = 0.1 * held.step  # at most a tenth of a step that people take
+        if of_variance:
+            value = held.worth * target.scale / (2 * sigma)
+            step = min(step, 1e-5 * sigma / value)
+            confirmed = abs((sigma - again(held, step)) / step - value) <= 0.03 * value  # the change is no derivative
+        else:
+            value = (again(held, -step) - again(held, step)) / (2 * step)
+            confirmed = math.isfinite(value)
+        if confirmed:
+            gain = sigma - again(held, held.step)
+            found.append(Price(held.requirement, value, held.unit, held.side, held.step, gain))
+    return tuple(found)
 
 
 def held_by(problem: OptimisationProblem, target: TaskTarget, said: Confirmation) -> list[Held]:
     """What holds a posture, most worth first: inequalities with a multiplier, and a tool axis without any tilt."""
-    every = [*_axis(problem, said), *_rows(problem, target, said), *_limits(problem, said)]
     joined: dict[tuple[str, str, str, float], list[HeldEnd]] = {}
-    for one in every:
+    for one in (*_axis(problem, said), *_rows(problem, target, said), *_limits(problem, said)):
         joined.setdefault((one.requirement, one.unit, one.side, one.step), []).extend(one.ends)
     groups = (Held(*key, tuple(ends)) for key, ends in joined.items())
     return sorted(groups, key=lambda held: -abs(held.worth) * held.step)
 
 
 def _axis(problem: OptimisationProblem, said: Confirmation) -> Iterator[Held]:
-    """The tilt of a tool axis that is held without any: towards where that gains most, ``|λ|`` a rad.
-
-    The rows are the sines of the angles about two axes.
-    """
+    """The tilt of a tool axis held without any, towards where it gains most, ``|λ|`` a rad; rows are sines."""
     rows = [k for k, row in enumerate(problem.nlp.rows) if row.requirement == AXIS and row.equality]
-    size = float(np.linalg.norm(said.row_multipliers[rows]))
+    multipliers = said.row_multipliers[rows]
+    size = float(np.linalg.norm(multipliers))
     if size > _LEAST_MULTIPLIER:
-        multipliers = said.row_multipliers[rows].tolist()
-        ends = tuple(HeldEnd(True, k, True, m / size, m) for k, m in zip(rows, multipliers, strict=True))
-        yield Held("tilt", "rad", "upper", _STEPS["rad"], ends)
+        ends = (HeldEnd(True, k, True, m / size, m) for k, m in zip(rows, multipliers.tolist(), strict=True))
+        yield Held("tilt", "rad", "upper", _STEPS["rad"], tuple(ends))
 
 
 def _rows(problem: OptimisationProblem, target: TaskTarget, said: Confirmation) -> Iterator[Held]:
-    """Inequalities with a multiplier."""
-    low, high = problem.nlp.row_bounds(target.parameters)
+    ends = problem.nlp.row_bounds(target.parameters)
     for k, row in enumerate(problem.nlp.rows):
         multiplier = float(said.row_multipliers[k])
-        if row.equality or abs(multiplier) <= _LEAST_MULTIPLIER:
-            continue
-        upper = multiplier > 0
-        end = HeldEnd(True, k, upper, 1.0 if upper else -1.0, multiplier)
-        held = _row(row, end, float((high if upper else low)[k]), target)
-        if held is not None:
-            yield held
+        if not row.equality and abs(multiplier) > _LEAST_MULTIPLIER:
+            end = _end(True, k, multiplier)
+            held = _row(row, end, float(ends[end.upper][k]), target)
+            yield from [] if held is None else [held]
 
 
 def _row(row: Row, end: HeldEnd, bound: float, target: TaskTarget) -> Held | None:
     """The requirement of one row in the units that users state it in; None where it is nobody's."""
     if row.requirement == TARGET:
-        return Held(f"region.{row.name.partition('.')[2]}", row.unit, _side(end.upper), _STEPS["m"], (end,))
+        return Held(f"region.{row.name.partition('.')[2]}", row.unit, _SIDES[end.upper], _STEPS["m"], (end,))
     if row.requirement == AXIS:
         if not target.tilt:
             return None  # the slack of an arm that cannot turn its tool at will
         slope, bend = math.sin(2 * target.tilt), math.cos(2 * target.tilt)  # of sin² tilt
         return Held("tilt", "rad", "upper", _STEPS["rad"], (replace(end, shift=slope, bend=bend),))
-    step = _SLOPE_STEP * max(1.0, abs(bound))
-    shown = (row.shown(bound + step) - row.shown(bound - step)) / (2 * step)
+    near = 1e-6 * max(1.0, abs(bound))
+    shown = (row.shown(bound + near) - row.shown(bound - near)) / (2 * near)
     if not shown:
         return None
-    side = _side(end.upper if shown > 0 else not end.upper)
-    return Held(
-        row.requirement, row.unit, side, _step(row, row.shown(bound)), (replace(end, shift=end.shift / abs(shown)),)
-    )
+    end = replace(end, shift=end.shift / abs(shown))
+    return Held(row.requirement, row.unit, _SIDES[end.upper == (shown > 0)], _step(row, row.shown(bound)), (end,))
 
 
 def _step(row: Row, bound: float) -> float:
@@ -224,19 +167,17 @@ def _step(row: Row, bound: float) -> float:
     usual = _STEPS.get(row.unit, math.inf)
     if row.unit in _STEPS and (size >= usual or not size):
         return usual
-    return float(10.0 ** math.floor(math.log10(_BOUND_SHARE * size))) if size > 0 else 1.0
+    return float(10.0 ** math.floor(math.log10(0.1 * size))) if size > 0 else 1.0
 
 
 def _limits(problem: OptimisationProblem, said: Confirmation) -> Iterator[Held]:
-    """Limits of joints with a multiplier; a joint that is held has none."""
     for k, variable in enumerate(problem.nlp.variables):
         multiplier = float(said.bound_multipliers[k])
-        if variable.lower < variable.upper and abs(multiplier) > _LEAST_MULTIPLIER:
-            upper = multiplier > 0
-            end = HeldEnd(False, k, upper, 1.0 if upper else -1.0, multiplier)
-            yield Held(f"{variable.name}.limits", variable.unit, _side(upper), _STEPS[variable.unit], (end,))
+        if variable.lower < variable.upper and abs(multiplier) > _LEAST_MULTIPLIER:  # a joint that is held has none
+            end = _end(False, k, multiplier)
+            yield Held(f"{variable.name}.limits", variable.unit, _SIDES[end.upper], _STEPS[variable.unit], (end,))
 
 
-def _side(upper: bool) -> str:
-    """Which end holds, as a word."""
-    return "upper" if upper else "lower"
+def _end(row: bool, index: int, multiplier: float) -> HeldEnd:
+    upper = multiplier > 0
+    return HeldEnd(row, index, upper, 1.0 if upper else -1.0, multiplier)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posture_opt.numerics import TURN, Array
+from posture_opt.numerics import TURN, Array, Mask
 from posture_opt.robot.robot import Robot
 
 _MAX_EXACT_POSTURES = 12  # postures: 2^12 x 12 states of the dynamic program take half a second
@@ -17,24 +17,17 @@ _TRAVEL_TOLERANCE = 1e-3  # of the travel: less is not worth another order
 
 @dataclass(frozen=True)
 class VisitingOrder:
-    """An open tour over postures.
-
-    Args:
-        order: indices of the postures in the order of visits.
-        travel: sum over the moves of the largest change of a joint [rad; m for an arm that only slides].
-        as_listed: the same in the order that they are listed in.
-        exact: whether no order is better.
-    """
+    """An open tour over postures; travel is the sum of the largest joint changes [rad; m for slides alone]."""
 
     order: tuple[int, ...]
     travel: float
-    as_listed: float
-    exact: bool
+    as_listed: float  # travel in the order of the list
+    exact: bool  # no order is better
 
 
 def moves(robot: Robot, Q: Array) -> Array:
     """(K, K) largest change of a joint between postures (K, n); slides are left out where other joints turn."""
-    turns = np.array([joint.type == "revolute" for joint in robot.joints])
+    turns = _turning(robot)
     counted = Q[:, turns] if turns.any() else Q
     return np.asarray(np.abs(counted[:, None] - counted[None]).max(axis=2))
 
@@ -43,7 +36,11 @@ def best_order(robot: Robot, Q: Array) -> VisitingOrder:
     """The open tour of least travel: by dynamic programming (Held and Karp 1962) up to 12 postures, else by 2-opt."""
     D = moves(robot, Q)
     listed = list(range(len(Q)))
-    order = _held_karp(D) if len(Q) <= _MAX_EXACT_POSTURES else _two_opt(D)
+    order = (
+        _held_karp(D)
+        if len(Q) <= _MAX_EXACT_POSTURES
+        else min((_improved_tour(D, _nearest_first(D, first)) for first in range(len(D))), key=lambda o: _length(D, o))
+    )
     # As listed where that is as good: nobody likes to visit in another order for nothing.
     if _length(D, order) >= (1 - _TRAVEL_TOLERANCE) * _length(D, listed):
         order = listed
@@ -55,7 +52,7 @@ def best_order(robot: Robot, Q: Array) -> VisitingOrder:
 def nearest_turns(robot: Robot, Q: Array, order: Sequence[int]) -> Array:
     """The same postures (K, n), joints turned by whole turns within their limits to be near the one visited before."""
     near = np.array(Q)
-    turning = np.array([joint.type == "revolute" for joint in robot.joints])
+    turning = _turning(robot)
     for before, k in itertools.pairwise(order):
         wanted = np.rint((near[before] - near[k]) / TURN)
         least = np.ceil((robot.lower - near[k]) / TURN - 1e-9)
@@ -66,10 +63,7 @@ def nearest_turns(robot: Robot, Q: Array, order: Sequence[int]) -> Array:
 
 
 def nearest_ties(robot: Robot, options: Sequence[Array]) -> list[int]:
-    """Of each posture's equally good ones (A_k, n) the one with which the tour is short; the first ones in a tie.
-
-    Each of them is the anchor once that the others' nearest ones are chosen by; whole turns count as none.
-    """
+    """Of each posture's equals (A_k, n) the one with which the tour is short; whole turns count as none."""
     firsts = [0] * len(options)
     best, shortest = firsts, _short_tour(robot, options, firsts)
     for anchors in options:
@@ -82,7 +76,6 @@ def nearest_ties(robot: Robot, options: Sequence[Array]) -> list[int]:
 
 
 def _short_tour(robot: Robot, options: Sequence[Array], chosen: Sequence[int]) -> float:
-    """Length of a short tour through one posture of each set: nearest neighbours from every first one."""
     Q = np.array([each[k] for each, k in zip(options, chosen, strict=True)])
     D = np.array([_apart(robot, Q, q) for q in Q])
     return min(_length(D, _nearest_first(D, first)) for first in range(len(Q)))
@@ -90,22 +83,21 @@ def _short_tour(robot: Robot, options: Sequence[Array], chosen: Sequence[int]) -
 
 def _apart(robot: Robot, Q: Array, q: Array) -> Array:
     """(A,) largest difference of a joint between postures (A, n) and one (n,), whole turns taken off."""
-    turns = np.array([joint.type == "revolute" for joint in robot.joints])
-    away = Q - q
+    turns, away = _turning(robot), Q - q
     away = np.where(turns, away - TURN * np.rint(away / TURN), away)
     return np.asarray(np.abs(away[:, turns] if turns.any() else away).max(axis=1))
 
 
+def _turning(robot: Robot) -> Mask:
+    return np.array([joint.type == "revolute" for joint in robot.joints])
+
+
 def _length(D: Array, order: Sequence[int]) -> float:
-    """Sum of the moves of an open tour."""
     return float(sum(D[a, b] for a, b in itertools.pairwise(order)))
 
 
 def _held_karp(D: Array) -> list[int]:
-    """The shortest open tour by dynamic programming over subsets, O(2^K K²).
-
-    Source: M. Held and R. M. Karp, J. SIAM 10 (1962) 196.
-    """
+    """Dynamic programming over subsets, O(2^K K²): M. Held and R. M. Karp, J. SIAM 10 (1962) 196."""
     K = len(D)
     cost = np.full((1 << K, K), np.inf)
     came = np.zeros((1 << K, K), dtype=int)
@@ -126,13 +118,7 @@ def _held_karp(D: Array) -> list[int]:
     return order[::-1]
 
 
-def _two_opt(D: Array) -> list[int]:
-    """From the nearest neighbour of each posture in turn, parts reversed while that shortens the tour; the best."""
-    return min((_improved_tour(D, _nearest_first(D, first)) for first in range(len(D))), key=lambda o: _length(D, o))
-
-
 def _nearest_first(D: Array, first: int) -> list[int]:
-    """The tour that goes on to the nearest posture each time."""
     order, left = [first], set(range(len(D))) - {first}
     while left:
         order.append(min(left, key=lambda k: (D[order[-1], k], k)))
@@ -141,7 +127,6 @@ def _nearest_first(D: Array, first: int) -> list[int]:
 
 
 def _improved_tour(D: Array, order: list[int]) -> list[int]:
-    """The tour with parts reversed while that shortens it (2-opt)."""
     better = True
     while better:
         better = False

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import Generic, TypeVar
 
 import numpy as np
 
@@ -16,12 +17,39 @@ from posture_opt.robot.robot import Robot
 from posture_opt.selection.answer.selector import PostureSelector
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.comparison.comparison import ComparedAnswer, Comparison
-from posture_opt.selection.comparison.on_demand import OnDemand
 from posture_opt.selection.comparison.predicted_error import JudgedAnswer, judged_answer
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.select_posture import at_one_feature, select_posture
 from posture_opt.statements import Statement, state
 from posture_opt.uncertainty.sources.sources import Sources
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, eq=False)
+class OnDemand(Mapping[str, T], Generic[T]):
+    """Values by name, each made when it is first asked for."""
+
+    names: Collection[str]  # of all values, in their order
+    make: Callable[[str], T]  # a name -> its value
+    _made: dict[str, T] = field(default_factory=dict)
+
+    def __getitem__(self, name: str) -> T:
+        if name not in self.names:
+            raise KeyError(name)
+        if name not in self._made:
+            self._made[name] = self.make(name)
+        return self._made[name]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.names
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.names)
+
+    def __len__(self) -> int:
+        return len(self.names)
+
 
 Reasons = tuple[str, ...]
 """Why there is no answer, in sentences."""
@@ -130,7 +158,6 @@ def _planned_column(
 def _compared(
     problems: Mapping[str, ProblemData], found: Mapping[str, Solution | Reasons]
 ) -> dict[str, ComparedAnswer]:  # fmt: skip
-    """The columns of a comparison."""
     return {name: _column(problems, name, answer) for name, answer in found.items()}
 
 
@@ -138,7 +165,6 @@ def _column(
     problems: Mapping[str, ProblemData], name: str, answer: Solution | Reasons, basis: Array | None = None,
     measured: Array | None = None,
 ) -> ComparedAnswer:  # fmt: skip
-    """The answer of one of the problems, judged by all of them whose arms have the same joints."""
     problem = problems[name]
     if isinstance(answer, tuple):
         return ComparedAnswer(problem, reasons=answer)
@@ -151,7 +177,6 @@ def _judged(
     judges: Mapping[str, ProblemData], stations: Sequence[Solution], basis: Array | None, measured: Array | None,
     judge: str,
 ) -> JudgedAnswer:  # fmt: skip
-    """What one of the models predicts of an answer."""
     return judged_answer(judges[judge], stations, basis, measured)
 
 
@@ -160,7 +185,6 @@ def _same_joints(one: Robot, other: Robot) -> bool:
 
 
 def _same_task(problems: Mapping[str, ProblemData]) -> tuple[dict[str, ProblemData], tuple[Statement, ...]]:
-    """The problems with the task of the first, and which of them had another."""
     name, first = next(iter(problems.items()))
     if first.task is None:
         hint = f"add a task: section to {name}, name the file with the task first, or write --task and --position"
@@ -177,12 +201,10 @@ def _same_task(problems: Mapping[str, ProblemData]) -> tuple[dict[str, ProblemDa
 
 
 def _scattering(model: ProblemData, sources: Sources) -> ProblemData:
-    """The model, under other sources of error where it states none itself."""
     return replace(model, sources=sources) if model.sources.empty else model
 
 
 def _planned(problem: ProblemData, seed: int | None, hint: str) -> Solution | Reasons:
-    """The one posture that a model plans, or the reasons why it has none."""
     hints = (hint,) if hint else ()
     if far := _far_away(problem):
         return (far, *hints)
@@ -196,7 +218,6 @@ def _planned(problem: ProblemData, seed: int | None, hint: str) -> Solution | Re
 
 
 def _far_away(problem: ProblemData) -> str:
-    """Why the target is out of reach of any arm of this length, or an empty text; a search would take much longer."""
     robot, task = problem.robot, problem.task
     assert task is not None
     if task.position is None:

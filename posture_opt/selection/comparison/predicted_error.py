@@ -24,26 +24,16 @@ _TURN = 2 * math.pi
 
 @dataclass(frozen=True, eq=False)
 class PredictedError:
-    """Mean and covariance of the tool point about the target in one posture, as one model predicts them.
+    """Mean and covariance of the tool point about the target in one posture, as one model predicts them."""
 
-    Args:
-        miss: (3,) mean tool point minus the target [m], world.
-        across: (m,) its components that the task cares about [m].
-        sigma_max: largest standard deviation of these components [m].
-        critical_error: distance from the target that 95 of 100 repeats stay within, in these components [m].
-        success_probability: of staying within the clearance; None without one.
-        covariance: (3, 3) of the tool point [m²], world.
-        parts: what of it is scatter and what is systematic, in the components that count.
-        from_measured: distance from the postures that the model was fitted to; None where these are not known.
-    """
-
-    miss: Array
-    across: Array
-    sigma_max: float
-    critical_error: float
-    success_probability: float | None
-    covariance: Array
-    parts: SpreadParts | None = None
+    miss: Array  # (3,) mean tool point minus the target [m], world
+    across: Array  # (m,) its components that the task cares about [m]
+    sigma_max: float  # largest standard deviation of these components [m]
+    critical_error: float  # distance from the target that 95 of 100 repeats stay within, in these components [m]
+    success_probability: float | None  # of staying within the clearance; None without one
+    covariance: Array  # (3, 3) of the tool point [m²], world
+    parts: SpreadParts | None = None  # what of it is scatter and what is systematic, in the components that count
+    # distance from the postures that the model was fitted to; None where these are not known
     from_measured: PostureDistance | None = None
 
     @property
@@ -98,12 +88,7 @@ class JudgedAnswer:
 def judged_answer(
     problem: ProblemData, stations: Sequence[Solution], basis: Array | None = None, measured: Array | None = None
 ) -> JudgedAnswer:
-    """The postures of an answer as the arm of ``problem`` predicts them.
-
-    Args:
-        basis: (3, m) orthonormal directions that count, world; those of each posture by default.
-        measured: (N, n) postures that the arm was fitted to [rad or m].
-    """
+    """Postures as ``problem`` predicts them, in directions ``basis`` (3, m); measured ones (N, n) [rad or m]."""
     return JudgedAnswer(
         tuple(
             predicted_error(problem, station, station.basis if basis is None else basis, measured)
@@ -133,16 +118,13 @@ def predicted_error(problem: ProblemData, solution: Solution, basis: Array, meas
 
 @dataclass(frozen=True)
 class PostureDistance:
-    """Distance of a posture from measured ones.
+    """Distance of a posture from measured ones."""
 
-    Args:
-        nearest: least over the measured postures of the largest difference of a joint [rad], slides left out where
-            other joints turn; else [m].
-        joint: the one that is farthest outside the range that it was measured in, by ``beyond`` [rad or m]; empty
-            where all are within.
-    """
-
+    # least over the measured postures of the largest difference of a joint [rad], slides left out where other joints
+    # turn; else [m]
     nearest: float
+    # the one that is farthest outside the range that it was measured in, by beyond [rad or m]; empty where all are
+    # within
     joint: str
     beyond: float
 
@@ -170,7 +152,6 @@ def _wrapped(difference: Array, turns: Mask) -> Array:
 
 
 def _beyond(value: float, column: Array, turns: bool) -> float:
-    """How far a joint value lies outside of the range of measured ones, whole turns taken off."""
     low, high = float(column.min()), float(column.max())
     shifts = _TURN * np.arange(-2, 3) if turns else np.zeros(1)
     return float(np.min(np.maximum(0.0, np.maximum(low - value - shifts, value + shifts - high))))

@@ -1,9 +1,4 @@
-"""``Neighbourhood``: which targets of a map learn from which, and which of them are outliers.
-
-In addition to the neighbours on the grid these are targets that joint 1 turns (or shifts) onto each other. Where the
-task's direction is along its axis, the whole arm turns with the target and a posture at one azimuth serves at every
-other.
-"""
+"""``Neighbourhood``: neighbours on the grid and, where the task allows, targets that joint 1 moves onto each other."""
 
 from __future__ import annotations
 
@@ -15,45 +10,29 @@ import numpy as np
 from posture_opt.model.arm import Arm
 from posture_opt.numerics import Array, Codes
 
-PARALLEL_ANGLE = 1e-6  # rad: a direction nearer than this to the axis of joint 1 lies along it
-HEIGHT_ROUNDING = 1e-6  # of the largest coordinate: rounding of a grid's
-RADIAL_PARTNERS = (1, 2)  # places away in the order by radius
-
-
 Pairs = tuple[Codes, Codes]
 """Targets, and as many others whose postures are tried there."""
 
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """Targets in a line with two others, which let expect a value of theirs.
+    """Targets in a line with two others, which let expect a value of theirs."""
 
-    Args:
-        at: (N,) targets; ``first`` and ``second`` (N,) two others each in one line with them.
-        share: of the first in what both let expect: one half interpolates, two extrapolates.
-    """
-
-    at: Codes
+    at: Codes  # (N,) targets; first and second (N,) two others each in one line with them
     first: Codes
     second: Codes
-    share: float
+    share: float  # of the first in what both let expect: one half interpolates, two extrapolates
 
 
 @dataclass(frozen=True, eq=False)
 class BaseMotion:
-    """What joint 1 does to the whole arm: a turn about, or a shift along, a line that is fixed in the world.
+    """What joint 1 does to the whole arm: a turn about, or a shift along, a line that is fixed in the world."""
 
-    Args:
-        axis: (3,) unit vector, world. frame: (3, 2) two unit vectors across it. point: (3,) on it [m].
-        slides: whether joint 1 is prismatic.
-        lower, upper: its limits [rad or m].
-    """
-
-    axis: Array
+    axis: Array  # (3,) unit vector, world. frame: (3, 2) two unit vectors across it. point: (3,) on it [m]
     frame: Array
     point: Array
-    slides: bool
-    lower: float
+    slides: bool  # whether joint 1 is prismatic
+    lower: float  # lower, upper: its limits [rad or m]
     upper: float
 
     @classmethod
@@ -74,13 +53,10 @@ class BaseMotion:
 
     def keeps(self, direction: Array) -> bool:
         """Whether a direction (3,) is the same one after the motion."""
-        return self.slides or float(np.linalg.norm(np.cross(self.axis, direction))) < PARALLEL_ANGLE
+        return self.slides or float(np.linalg.norm(np.cross(self.axis, direction))) < 1e-6  # rad
 
     def split(self, points: Array) -> tuple[Array, Array]:
-        """(N, 2) what the motion leaves of points (N, 3) [m]: radius and height, or both offsets; (N,) its amount.
-
-        The amount is the angle about the axis [rad], or the coordinate along it [m].
-        """
+        """(N, 2) radius and height of points (N, 3), or both offsets [m], and (N,) the amount of motion [rad or m]."""
         r = points - self.point
         along, across = r @ self.axis, r @ self.frame
         if self.slides:
@@ -88,12 +64,7 @@ class BaseMotion:
         return np.column_stack([np.linalg.norm(across, axis=1), along]), np.arctan2(across[:, 1], across[:, 0])
 
     def moved(self, Q: Array, shift: Array) -> Array:
-        """Postures (N, n), joint 1 of each moved, by whole turns more or less where its limits ask, else to its limit.
-
-        Args:
-            Q: (N, n) [rad or m].
-            shift: (N,) of joint 1 [rad or m].
-        """
+        """Postures (N, n), joint 1 moved by ``shift`` (N,) [rad or m], whole turns aside, at most to its limit."""
         turn = 0.0 if self.slides else 2 * np.pi
         values = (Q[:, 0] + shift)[:, None] + turn * np.array([0.0, -1.0, 1.0])
         within = np.clip(values, self.lower, self.upper)
@@ -103,32 +74,20 @@ class BaseMotion:
 
 @dataclass(frozen=True, eq=False)
 class Neighbourhood:
-    """Which targets try each other's postures.
+    """Which targets try each other's postures."""
 
-    Args:
-        motion: of joint 1.
-        kept: (N, 2 or 3) the coordinates of each target that this motion does not change [m].
-        amount: (N,) of the motion that brings the arm to each target [rad or m]; zeros where the task is not the same
-            everywhere along it.
-        on_grid: pairs of neighbours on the grid.
-        turned: pairs of targets that joint 1 moves onto each other, or near to.
-        lines: targets in a row, for outliers.
-    """
-
-    motion: BaseMotion
-    kept: Array
+    motion: BaseMotion  # of joint 1
+    kept: Array  # (N, 2 or 3) the coordinates of each target that this motion does not change [m]
+    # (N,) of the motion that brings the arm to each target [rad or m]; zeros where the task is not the same
+    # everywhere along it
     amount: Array
-    on_grid: tuple[Pairs, ...]
-    turned: tuple[Pairs, ...]
-    lines: tuple[Line, ...]
+    on_grid: tuple[Pairs, ...]  # pairs of neighbours on the grid
+    turned: tuple[Pairs, ...]  # pairs of targets that joint 1 moves onto each other, or near to
+    lines: tuple[Line, ...]  # targets in a row, for outliers
 
     @classmethod
     def of(cls, arm: Arm, direction: Array, points: Array, on_grid: Sequence[Pairs]) -> Neighbourhood:
-        """Of the targets at ``points`` (N, 3) [m], the task pointing along ``direction`` (3,), world.
-
-        Args:
-            on_grid: each direction of the grid, followed by the same pairs turned round.
-        """
+        """Neighbourhood of points (N, 3) [m], direction (3,) in the world; ``on_grid`` pairs both ways in turn."""
         lines = tuple(line for here, there in on_grid[::2] for line in _lines(len(points), here, there))
         motion = BaseMotion.of(arm)
         kept, amount = motion.split(points)
@@ -151,10 +110,7 @@ class Neighbourhood:
         return self.motion.moved(Q, self.amount[here] - self.amount[there])
 
     def excess(self, values: Array) -> Array:
-        """(N,) by what share each value lies above what two others in one line with it let expect.
-
-        The largest over all lines; −inf where there is none, or a value is NaN.
-        """
+        """(N,) largest share of each value above what lines of targets predict; −inf without a line."""
         worst = np.full(len(values), -np.inf)
         for line in self.lines:
             expected = line.share * values[line.first] + (1 - line.share) * values[line.second]
@@ -164,7 +120,6 @@ class Neighbourhood:
 
 
 def _lines(count: int, here: Codes, there: Codes) -> list[Line]:
-    """Between two neighbours; and on from the next two on either side."""
     ahead, behind = np.full(count, -1), np.full(count, -1)
     ahead[here], behind[there] = there, here
     at = np.flatnonzero((ahead >= 0) & (behind >= 0))
@@ -178,11 +133,11 @@ def _lines(count: int, here: Codes, there: Codes) -> list[Line]:
 
 def _nearest(kept: Array) -> list[Pairs]:
     """Targets that follow each other in the order by what the motion keeps (N, 2): at one height, by radius."""
-    slack = 1e-9 + HEIGHT_ROUNDING * float(np.max(np.abs(kept)))
+    slack = 1e-9 + 1e-6 * float(np.max(np.abs(kept)))
     height = np.round(kept[:, 1] / slack)
     order = np.lexsort((np.round(kept[:, 0] / slack), height))
     pairs = []
-    for step in RADIAL_PARTNERS:
+    for step in (1, 2):  # places away in the order by radius
         here, there = order[:-step], order[step:]
         level = height[here] == height[there]
         pairs.append((here[level], there[level]))

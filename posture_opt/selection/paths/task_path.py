@@ -14,38 +14,23 @@ from posture_opt.selection.program.task_target import Reach, TaskTarget, turned_
 from posture_opt.selection.tasks.path_task import PathTask
 from posture_opt.uncertainty.spread.task_spread import across_basis
 
-_CLOSED_DISTANCE_M = 1e-9  # m: first and last point of a closed path are one
-_MIN_DIRECTION_SUM = 1e-9  # length of the sum of two unit vectors that point in opposite directions
-
 
 @dataclass(frozen=True)
 class TaskPath:
-    """Points to be passed in this order: those that are listed, and more between them where they stand far apart.
+    """Points to be passed in this order: those that are listed, and more between them where they stand far apart."""
 
-    Args:
-        points: (K, 3) world [m].
-        tangents: (K, 3) unit vectors of travel: at a listed point that bisects the directions of the two segments that
-            meet there, whatever their lengths; at the ends of an open path, and between listed points, the segment's.
-        axes: (K, 3) unit vectors, world, where the tool axis is to point; turned evenly between listed points.
-        listed: (K,) whether the point is one of the task's own.
-        parts: (K − 1,) into how many steps the step between two listed points is divided there.
-        origin: (3,) of the workpiece that the points lie on [m], world: what its angle turns them about.
-    """
-
-    points: Array
+    points: Array  # (K, 3) world [m]
+    # (K, 3) unit vectors of travel: at a listed point that bisects the directions of the two segments that meet
+    # there, whatever their lengths; at the ends of an open path, and between listed points, the segment's
     tangents: Array
-    axes: Array
-    listed: Mask
-    parts: Array
-    origin: Array
+    axes: Array  # (K, 3) unit vectors, world, where the tool axis is to point; turned evenly between listed points
+    listed: Mask  # (K,) whether the point is one of the task's own
+    parts: Array  # (K − 1,) into how many steps the step between two listed points is divided there
+    origin: Array  # (3,) of the workpiece that the points lie on [m], world: what its angle turns them about
 
     @classmethod
     def of(cls, task: PathTask) -> TaskPath:
-        """The path of a task that its points are known of: where the tool point goes, travel as of the points.
-
-        Raises:
-            InputError: ``spacing`` adds more points than a path may have.
-        """
+        """Path of a task, with points added where ``spacing`` asks for them; InputError for too many."""
         points, axes, along = np.array(task.tool_points), np.array(task.unit_axes), tangents(np.array(task.points))
         count = len(points) - 1
         every, steps = np.ones(count + 1, dtype=bool), np.ones(count, dtype=int)
@@ -53,10 +38,7 @@ class TaskPath:
         return listed if task.spacing is None else listed._spaced(task.spacing)
 
     def at(self, numbers: Codes) -> TaskPath:
-        """The path through some of its points, the first and the last one among them.
-
-        A step between two of them counts as the steps that it is divided into here do on average.
-        """
+        """Path through some of its points, both ends among them; steps count as their parts do on average."""
         spans, counted = np.diff(numbers), np.concatenate([[0.0], np.cumsum(self.parts)])
         parts = np.diff(counted[numbers]) / spans**2
         points, tangents_there, axes = self.points[numbers], self.tangents[numbers], self.axes[numbers]
@@ -118,13 +100,13 @@ def tangents(points: Array) -> Array:
     """(K, 3) unit vectors of travel at the points (K, 3) of a polyline, as `TaskPath` defines them."""
     along = np.diff(points, axis=0)
     along = along / np.linalg.norm(along, axis=1, keepdims=True)
-    closed = np.linalg.norm(points[0] - points[-1]) < _CLOSED_DISTANCE_M
+    closed = np.linalg.norm(points[0] - points[-1]) < 1e-9  # m
     into = np.vstack([along[-1:] if closed else along[:1], along])
     out = np.vstack([along, along[:1] if closed else along[-1:]])
     both = into + out
     length = np.linalg.norm(both, axis=1, keepdims=True)
     # Where the path turns back on itself the line is the same both ways.
-    return np.where(length > _MIN_DIRECTION_SUM, both / np.maximum(length, _MIN_DIRECTION_SUM), out)
+    return np.where(length > 1e-9, both / np.maximum(length, 1e-9), out)
 
 
 def between(a: Array, b: Array, s: float) -> Array:

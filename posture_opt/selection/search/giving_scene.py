@@ -24,37 +24,21 @@ CLEARANCE = "clearance of the cell"
 LEAST_THICKNESS_M = 1e-3
 """What is left of an obstacle that is made smaller [m], half of its least thickness; where it must give more, it has to
 go."""
-_ENDLESS_M = 1e3
 _SHIFTS_TRIED_M = np.geomspace(2e-3, 4.0, 50)
 
 
 def place_of(obstacle: str) -> str:
-    """The requirement that an obstacle stands where it does."""
     return f"place of {obstacle}"
 
 
 @dataclass(frozen=True)
-class CellRow:
-    """A row of the cell: ``margin ≥ 0`` where it is met [m]."""
-
-    name: str
-    margin: ca.SX
-
-
-@dataclass(frozen=True)
 class GivingScene:
-    """The rows of a problem's cell, with the slacks of its obstacles as symbols [m].
-
-    Args:
-        problem: with a scene.
-        less: how far the faces of each obstacle recede (k,); ``shifts`` (3, k) how far each moves, world.
-        clearance: what is taken off the clearance of the cell.
-    """
+    """The rows of a problem's cell, with the slacks of its k obstacles as symbols [m]."""
 
     problem: OptimisationProblem
-    less: ca.SX
-    shifts: ca.SX
-    clearance: ca.SX
+    less: ca.SX  # (k,) how far the faces recede
+    shifts: ca.SX  # (3, k) how far each moves, world
+    clearance: ca.SX  # taken off the clearance of the cell
 
     @classmethod
     def of(cls, problem: OptimisationProblem) -> GivingScene:
@@ -64,29 +48,28 @@ class GivingScene:
 
     @property
     def scene(self) -> Scene:
-        """What the arm keeps clear of."""
         assert self.problem.scene is not None
         return self.problem.scene
 
     @cached_property
-    def rows(self) -> tuple[CellRow, ...]:
-        """What each row has to spare [m], with the slacks in it."""
+    def rows(self) -> dict[str, ca.SX]:
+        """Name of each row -> what it has to spare [m], with the slacks in it."""
         if self.problem.scene is None:
-            return ()
-        if not self.scene.obstacles:  # of the arm to itself: the rows are there already
-            given = (row for row in self.problem.nlp.rows if row.requirement == SELF_CLEARANCE_ROW)
-            return tuple(CellRow(row.name, row.expression - row.lower + self.clearance) for row in given)
-        beyond = {
-            row_name(o.name): ca.fmax(self.less[k] - self._most(o), 0) for k, o in enumerate(self.scene.obstacles)
-        }
+            return {}
+        obstacles = self.scene.obstacles
+        if not obstacles:  # of the arm to itself: the rows are there already
+            given = [row for row in self.problem.nlp.rows if row.requirement == SELF_CLEARANCE_ROW]
+            return {row.name: row.expression - row.lower + self.clearance for row in given}
+        most = [self._most(obstacle) for obstacle in obstacles]
+        beyond = {row_name(o.name): ca.fmax(self.less[k] - most[k], 0) for k, o in enumerate(obstacles)}
         giving = [
-            obstacle.smaller(ca.fmin(self.less[k], self._most(obstacle))).moved(ca.vertsplit(self.shifts[:, k]))
-            for k, obstacle in enumerate(self.scene.obstacles)
+            obstacle.smaller(ca.fmin(self.less[k], most[k])).moved(ca.vertsplit(self.shifts[:, k]))
+            for k, obstacle in enumerate(obstacles)
         ]
-        return tuple(
-            CellRow(row.name, row.expression - row.lower + self.clearance + beyond.get(row.name, 0))
+        return {
+            row.name: row.expression - row.lower + self.clearance + beyond.get(row.name, 0)
             for row in self.problem.clearance_rows(giving)
-        )
+        }
 
     @cached_property
     def obstacles(self) -> dict[str, int]:
@@ -94,7 +77,7 @@ class GivingScene:
         if self.problem.scene is None:
             return {}
         numbers = {row_name(obstacle.name): k for k, obstacle in enumerate(self.scene.obstacles)}
-        return {row.name: numbers[row.name] for row in self.rows if row.name in numbers}
+        return {name: numbers[name] for name in self.rows if name in numbers}
 
     @cached_property
     def movable(self) -> dict[str, int]:
@@ -117,7 +100,7 @@ class GivingScene:
 
     def _most(self, obstacle: Obstacle) -> float:
         """By how much an obstacle can be made smaller [m]; of one without end any length."""
-        return min(max(obstacle.half_thickness - LEAST_THICKNESS_M, 0.0), _ENDLESS_M)
+        return min(max(obstacle.half_thickness - LEAST_THICKNESS_M, 0.0), 1e3)
 
 
 def gives_enough(obstacles: Sequence[Obstacle], name: str, by: float) -> Obstacle | None:

@@ -15,41 +15,29 @@ import numpy as np
 from posture_opt.numerics import Array, Codes
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.program.task_target import TaskTarget
-from posture_opt.selection.search.clusters import clusters
-from posture_opt.selection.search.engine import STEPS, CandidatePosture, Engine, median
+from posture_opt.selection.search.engine import STEPS, CandidatePosture, Engine, clusters, median
 from posture_opt.selection.search.inverse_kinematics import PATIENT_STEPS, ROW_TOLERANCE, TOLERANCE
 from posture_opt.selection.search.inverse_kinematics import STEPS as IK_STEPS
 from posture_opt.selection.search.local_search import LocalOptima
 
-STARTS_PER_ARRIVAL = 2  # random postures for each start wanted at first: of a Panda's two in three arrive
 SCREENING_STEPS = (4, 4, 4, 4, 8)  # of the local search, after each of which those are given up that promise nothing
-PROMISED_GAIN_FACTOR = 2.0  # times the gain of a quadratic model: what a start may still gain
-MAX_DISTINCT_OPTIMA = 12  # local optima that a repeated solve keeps: a 6R wrist has eight branches (Pieper 1968)
-OPTIMUM_TOLERANCE = 1e-4  # of the objective
 MAX_TRIALS_PER_START = 80  # random postures for each start wanted at most: then the target counts as out of reach
-ELASTIC_STARTS = 8  # best ends of searches, from which the requirements are asked to give as little as they can
 RETRY_FACTORS = (1, 4, 16)  # times the starts, where answers meet the target but not the further requirements
 
 
 @dataclass(frozen=True)
 class Sampled:
-    """Feasible postures Q (k, n) [rad or m] that random starts led to, with their σ_max (k,) [m].
-
-    They are what a posture without any selection would be like: the gain over a typical posture is against their
-    median.
-    """
+    """Feasible postures that random starts led to: what a posture without any selection is like."""
 
     robot: Robot = field(repr=False)
-    Q: Array = field(repr=False)
-    sigma: Array = field(repr=False)
+    Q: Array = field(repr=False)  # (k, n) [rad or m]
+    sigma: Array = field(repr=False)  # (k,) σ_max [m]
 
     @classmethod
     def none(cls, robot: Robot) -> Sampled:
-        """No posture at all."""
         return cls(robot, np.zeros((0, robot.n)), np.zeros(0))
 
     def joined(self, other: Sampled) -> Sampled:
-        """The postures of both, in this order."""
         return Sampled(self.robot, np.vstack([self.Q, other.Q]), np.concatenate([self.sigma, other.sigma]))
 
     @cached_property
@@ -67,26 +55,16 @@ class Sampled:
 
 @dataclass(frozen=True)
 class MultistartResult:
-    """What a global search found.
+    """What a global search found."""
 
-    Args:
-        target: with the scale that the objectives are divided by.
-        found: where the local searches ended, best first; feasible before infeasible.
-        sampled: the starts that met every requirement before they were improved.
-        arrived: how many starts met target and tool axis.
-        tried: random postures that were led towards the target.
-        polished: number of local searches.
-        batches: number of independent batches of starts; ``recurred`` of them found the best optimum.
-    """
-
-    target: TaskTarget
-    found: tuple[CandidatePosture, ...]
-    sampled: Sampled
-    arrived: int
-    tried: int
-    polished: int
-    batches: int = 1
-    recurred: int = 1
+    target: TaskTarget  # with the scale of the objectives
+    found: tuple[CandidatePosture, ...]  # ends of local searches, best first
+    sampled: Sampled  # starts that met every requirement
+    arrived: int  # starts on target and tool axis
+    tried: int  # random postures
+    polished: int  # local searches
+    batches: int = 1  # independent
+    recurred: int = 1  # of them found the best optimum
 
     @property
     def hits(self) -> int:
@@ -96,10 +74,8 @@ class MultistartResult:
 
     @property
     def unseen_better(self) -> float:
-        """About the probability that one more start leads to an optimum not seen yet that is better than all.
-
-        The share of starts that lead to unseen optima is about that of optima seen once (Good 1953, eq. 9); any rank of
-        a new one among the others is as likely. Optima of one value count as one.
+        """About the probability that one more start finds a better optimum: the share of optima seen once (Good 1953,
+        eq. 9), any rank of a new one being as likely.
         """
         groups: list[list[CandidatePosture]] = []
         for candidate in self.found:
@@ -129,14 +105,9 @@ class MultistartResult:
 def feasible_starts(
     engine: Engine, target: TaskTarget, count: int, rng: np.random.Generator, trials: int = MAX_TRIALS_PER_START
 ) -> tuple[Array, int]:
-    """About ``count`` postures (k, n) on the target, and how many random ones that took.
-
-    Fewer mean that the effort, a multiple of ``count``, was used up; an empty array, that thousands of restarts found
-    none. Target and tool axis are met; further requirements are not looked at. ``trials`` is how many random postures
-    each of ``count`` is worth at most.
-    """
+    """About ``count`` postures (k, n) with target and tool axis met, and how many random ones that took."""
     tried, arrived = 0, np.zeros((0, engine.robot.n))
-    size = STARTS_PER_ARRIVAL * count
+    size = 2 * count  # of a Panda's random postures two in three arrive
     while len(arrived) < count and tried < trials * count:
         # Points of a region are drawn at first; where none of them is reached, any point of it will do.
         none_yet = tried > 0 and not len(arrived)
@@ -153,15 +124,10 @@ def feasible_starts(
 def multistart(
     engine: Engine, target: TaskTarget, rng: np.random.Generator, starts: int, *, every: bool = False
 ) -> MultistartResult:
-    """Feasible starts, and the local optima that they lead to; all of these with ``every``, else what may be the best.
+    """Feasible starts and their local optima: with ``every`` all, else what may be the best.
 
-    Starts meet target and tool axis. Where no answer meets the further requirements, many more are tried: 4, then 16
-    times as many, unless the elastic problem shows first that they cannot be met; with exact distances, starts cost
-    less than to build it.
-
-    Args:
-        starts: postures on the target that are wanted.
-        every: follow each search to its end: for alternatives and for statistics.
+    Where none meets the further requirements 4, then 16 times as many are tried, unless the elastic problem shows first
+    that they cannot be met.
     """
     found = MultistartResult(target, (), Sampled.none(engine.robot), 0, 0, 0)
     if engine.optimisation_problem.reach.excludes(target.lower, target.upper):
@@ -177,12 +143,7 @@ def multistart(
 
 
 def _can_be_met(engine: Engine, found: MultistartResult) -> bool:
-    """Whether the further requirements can be met, with target and tool axis, from where the best searches ended.
-
-    Interior-point steps with requirements that may give find a way where thousands of restarts do not, and show within
-    a tenth of a second that there is none.
-    """
-    starts = np.array([candidate.q for candidate in found.found[:ELASTIC_STARTS]])
+    starts = np.array([candidate.q for candidate in found.found[:8]])
     least = engine.elastic.least(found.target.parameters, engine.elastic.further, starts)
     return least is not None and least.met
 
@@ -190,7 +151,6 @@ def _can_be_met(engine: Engine, found: MultistartResult) -> bool:
 def _multistart_once(
     engine: Engine, target: TaskTarget, rng: np.random.Generator, starts: int, every: bool
 ) -> MultistartResult:
-    """One search of that many starts."""
     Q, tried = feasible_starts(engine, target, starts, rng)
     if not len(Q):
         return MultistartResult(target, (), Sampled.none(engine.robot), 0, tried, 0)
@@ -200,11 +160,7 @@ def _multistart_once(
 
 
 def local_optima(engine: Engine, target: TaskTarget, Q: Array, *, every: bool = False) -> tuple[CandidatePosture, ...]:
-    """The distinct local optima that postures Q (N, n) on a target with its scale lead to, best first.
-
-    All of them with ``every``, else those that may be the best. After `SCREENING_STEPS` steps, searches that promise
-    nothing are given up and searches that have met are followed once.
-    """
+    """The distinct local optima that Q (N, n) leads to, best first; without ``every`` those that may be the best."""
     size = np.ones(len(Q), dtype=int)
     optima, size = _merged(engine, engine.descended(Q, target, SCREENING_STEPS[0]), size, every)
     for steps in (*SCREENING_STEPS[1:], STEPS):
@@ -212,16 +168,12 @@ def local_optima(engine: Engine, target: TaskTarget, Q: Array, *, every: bool = 
             break
         optima = engine.descended(optima.q, target, steps, optima.state)
         optima, size = _merged(engine, optima, size, every or steps == STEPS)
-    most = slice(None if every else MAX_DISTINCT_OPTIMA)
+    most = slice(None if every else 12)  # a 6R wrist has eight branches (Pieper 1968)
     return tuple(sorted(engine.settled(optima.rows(most), target, size[most], helped=every), key=rank))
 
 
 def _merged(engine: Engine, optima: LocalOptima, size: Codes, every: bool) -> tuple[LocalOptima, Codes]:
-    """Those of some searches that differ, best first, all of them or what is promising; and how many searches each is.
-
-    Args:
-        size: (N,) how many searches each of the given ones is.
-    """
+    """Distinct searches, best first, and how many each stands for; ``size`` (N,) of the given ones."""
     order = _best_first(optima) if every else _promising(optima)
     nearest, size = engine.clusters(optima.q[order], size[order])
     return optima.rows(order[nearest]), size
@@ -229,7 +181,7 @@ def _merged(engine: Engine, optima: LocalOptima, size: Codes, every: bool) -> tu
 
 def as_good(best: float) -> float:
     """The objective up to which an optimum counts as the best one: by the rounding of the criteria."""
-    return best + OPTIMUM_TOLERANCE * max(abs(best), 1e-9)
+    return best + 1e-4 * max(abs(best), 1e-9)
 
 
 def _best_first(optima: LocalOptima) -> Codes:
@@ -238,11 +190,11 @@ def _best_first(optima: LocalOptima) -> Codes:
 
 
 def _promising(optima: LocalOptima) -> Codes:
-    """Those of some searches that may still get below the best one, by what Newton's model promises; best first."""
     met = optima.excess == 0
     limit = as_good(np.min(optima.objective[met])) if np.any(met) else np.inf
     order = _best_first(optima)
-    hope = optima.objective - PROMISED_GAIN_FACTOR * np.maximum(optima.gain, 0.0)
+    # A start may gain twice what its quadratic model promises
+    hope = optima.objective - 2.0 * np.maximum(optima.gain, 0.0)
     return np.asarray(order[(hope <= limit)[order]])
 
 
@@ -256,19 +208,12 @@ def screened(engine: Engine, target: TaskTarget, Q: Array) -> tuple[TaskTarget, 
 
 
 def rank(candidate: CandidatePosture) -> tuple[bool, float, bool, float]:
-    """Sorting key: feasible ones by objective, then infeasible ones by violation.
-
-    Objectives that agree to the sixth digit count as equal: then an optimum goes before a point that is none, and the
-    posture nearer to the zero posture before the others, so that equal runs give equal answers.
-    """
+    """Sorting key: feasible by objective (six digits, optima first, then near zero), others by violation."""
     # Equal to the sixth digit is equal: the solver's word decides, then the posture nearer to the zero posture.
     key = round(candidate.objective, 6) if candidate.feasible else candidate.violation
     return (not candidate.feasible, key, not candidate.optimal, float(candidate.q @ candidate.q))
 
 
 def distinct(Q: Array, robot: Robot) -> list[int]:
-    """Indices of the rows of Q (k, n) that differ from every earlier one by more than 5° or 10 mm in a joint.
-
-    Whole turns of a joint make no difference.
-    """
+    """Rows of Q (k, n) more than 5° or 10 mm in a joint from every earlier one, whole turns taken off."""
     return [int(k) for k in clusters(Q, robot)[0]]

@@ -17,31 +17,20 @@ import numpy as np
 from posture_opt.model.chain import Scalar, Vector, Walk, add, dot, factor_values, scale, walk
 from posture_opt.robot.robot import Robot
 
-Complex = tuple[Scalar, Scalar]
-"""Real and imaginary part, so that symbols serve too."""
+Complex = tuple[Scalar, Scalar]  # Real and imaginary part, so that symbols serve too
 
 
 @dataclass(frozen=True)
 class Plane:
-    """The plane that a planar arm moves in.
+    """The plane that a planar arm moves in."""
 
-    Args:
-        e1, e2: (3,) orthonormal basis, world.
-        normal: (3,) ``e1 × e2``, world.
-    """
-
-    e1: Vector
+    e1: Vector  # e1, e2: (3,) orthonormal basis, world
     e2: Vector
-    normal: Vector
+    normal: Vector  # (3,) e1 × e2, world
 
 
 def plane_of(robot: Robot, uncertain: Sequence[int] = ()) -> Plane | None:
-    """The plane of motion, or None where the joints (or the uncertain factors) turn about different axes.
-
-    Args:
-        robot: the chain.
-        uncertain: indices of factors with an error.
-    """
+    """The plane of motion; None where the joints, or factors with an error at ``uncertain``, turn about other axes."""
     rng = np.random.default_rng(0)
     normals = []
     for _ in range(3):
@@ -72,16 +61,8 @@ class _Arrow:
 def planar_moments(
     robot: Robot, reached: Walk, lengths: Sequence[Scalar], indices: Sequence[int], covariance: np.ndarray, plane: Plane
 ) -> tuple[Vector, list[list[Scalar]]]:
-    """Exact mean (3,) [m] and covariance (3, 3) [m²] of the tool point, world frame.
-
-    Args:
-        robot: a planar arm.
-        reached: its walk at the posture.
-        lengths: value of every factor at the posture.
-        indices: (k,) factor that each source acts on.
-        covariance: (k, k) Σ of the sources.
-        plane: from :func:`plane_of` with the same ``indices``.
-    """
+    """Exact mean (3,) [m] and covariance (3, 3) [m²] of the tool point, world frame. indices: (k,) factor that each
+    source acts on; covariance: (k, k) Σ of the sources; plane: from :func:`plane_of` with the same ``indices``."""
     arrows = _chain_arrows(robot, reached, lengths, indices, plane)
     mean: list[Scalar] = [0.0, 0.0, 0.0]
     power: Scalar = 0.0
@@ -89,21 +70,18 @@ def planar_moments(
     height: Scalar = 0.0
     lift: Complex = (0.0, 0.0)
     for m in arrows:
-        z = _complex_product(_arrow_mean(m, covariance), m.direction)
+        half = math.exp(-float(m.of_angle @ covariance @ m.of_angle) / 2)
+        arrow = half * m.length, half * float(m.of_length @ covariance @ m.of_angle)  # E[ℓ e^{iS}], see the module
+        z = _product(arrow, m.direction)
         mean = [mean[0] + z[0], mean[1] + z[1], mean[2] + m.height * m.length]
         for n in arrows:
-            power = (
-                power
-                + _complex_product(
-                    _arrow_covariance(m, n, covariance, -1), _complex_product(m.direction, _conjugate(n.direction))
-                )[0]
-            )
-            pseudo = _complex_sum(
-                pseudo,
-                _complex_product(_arrow_covariance(m, n, covariance, +1), _complex_product(m.direction, n.direction)),
-            )
+            conjugate = n.direction[0], -n.direction[1]
+            hermitian = _product(_arrow_covariance(m, n, covariance, -1), _product(m.direction, conjugate))
+            power = power + hermitian[0]
+            plain = _product(_arrow_covariance(m, n, covariance, +1), _product(m.direction, n.direction))
+            pseudo = _sum(pseudo, plain)
             height = height + m.height * n.height * float(m.of_length @ covariance @ n.of_length)
-            lift = _complex_sum(lift, _complex_product(_height_covariance(m, n, covariance), n.direction))
+            lift = _sum(lift, _product(_height_covariance(m, n, covariance), n.direction))
     xx, yy, xy = (power + pseudo[0]) / 2, (power - pseudo[0]) / 2, pseudo[1] / 2
     local = [[xx, xy, lift[0]], [xy, yy, lift[1]], [lift[0], lift[1], height]]
     basis = (plane.e1, plane.e2, plane.normal)
@@ -118,7 +96,6 @@ def planar_moments(
 def _chain_arrows(
     robot: Robot, reached: Walk, lengths: Sequence[Scalar], indices: Sequence[int], plane: Plane
 ) -> list[_Arrow]:
-    """The translations of the chain that have a length, an error or a joint, with what turns them."""
     # The angle of an axis to the normal does not depend on the posture: a number, whatever the walk is made of.
     fixed = walk(robot.factors, factor_values(robot.factors, [0.3] * robot.n))
     arrows = []
@@ -134,12 +111,6 @@ def _chain_arrows(
     return arrows
 
 
-def _arrow_mean(m: _Arrow, S: np.ndarray) -> Complex:
-    """``E[ℓ e^{iS}] = (μ + i Cov(ℓ, S)) e^{−Var(S)/2}`` [m] of one arrow."""
-    half = math.exp(-float(m.of_angle @ S @ m.of_angle) / 2)
-    return (half * m.length, half * float(m.of_length @ S @ m.of_angle))
-
-
 def _arrow_covariance(m: _Arrow, n: _Arrow, S: np.ndarray, sign: int) -> Complex:
     """``Cov(ℓ_m e^{iS_m}, ℓ_n e^{± iS_n})`` (sign −1: with the conjugate, which makes it the Hermitian one)."""
     c = -sign * float(m.of_angle @ S @ n.of_angle)
@@ -147,9 +118,9 @@ def _arrow_covariance(m: _Arrow, n: _Arrow, S: np.ndarray, sign: int) -> Complex
     A: Complex = (m.length, float(m.of_length @ S @ m.of_angle))
     B: Complex = (n.length, sign * float(n.of_length @ S @ n.of_angle))
     alpha, beta = sign * float(m.of_length @ S @ n.of_angle), float(n.of_length @ S @ m.of_angle)
-    AB = _complex_product(A, B)
+    AB = _product(A, B)
     # (A + iα)(B + iβ) − A B + Cov(ℓ_m, ℓ_n), formed without the cancellation
-    extra = _complex_sum(_complex_product((0.0, alpha), B), _complex_product(A, (0.0, beta)))
+    extra = _sum(_product((0.0, alpha), B), _product(A, (0.0, beta)))
     extra = (extra[0] - alpha * beta + float(m.of_length @ S @ n.of_length), extra[1])
     grow, less = both * math.exp(c), both * math.expm1(c)
     return (less * AB[0] + grow * extra[0], less * AB[1] + grow * extra[1])
@@ -163,19 +134,14 @@ def _height_covariance(m: _Arrow, n: _Arrow, S: np.ndarray) -> Complex:
     return (half * shift, half * turn * n.length)
 
 
-def _complex_product(u: Complex, v: Complex) -> Complex:
+def _product(u: Complex, v: Complex) -> Complex:
     """``u v``."""
     return (u[0] * v[0] - u[1] * v[1], u[0] * v[1] + u[1] * v[0])
 
 
-def _complex_sum(u: Complex, v: Complex) -> Complex:
+def _sum(u: Complex, v: Complex) -> Complex:
     """``u + v``."""
     return (u[0] + v[0], u[1] + v[1])
-
-
-def _conjugate(u: Complex) -> Complex:
-    """The complex conjugate of u."""
-    return (u[0], -u[1])
 
 
 def _as_vector(array: np.ndarray) -> Vector:

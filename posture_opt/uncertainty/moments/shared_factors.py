@@ -15,35 +15,28 @@ import numpy as np
 
 from posture_opt.numerics import Array, Codes, Mask
 
+# Eigenvalue of a matrix of correlations below which is rounding, or what the barrier left of a zero
 _ZERO_EIGENVALUE = 1e-10
-"""Eigenvalue of a matrix of correlations below which is rounding, or what the barrier left of a zero."""
-_ROUNDING_EIGENVALUE = 1e-15
-"""The same of rounding alone."""
+_ROUNDING_EIGENVALUE = 1e-15  # The same of rounding alone
 
 
 @dataclass(frozen=True, eq=False)
 class SharedFactors:
-    """A covariance (k, k) split as ``diag(own) + loadings @ loadings.T``.
+    """A covariance (k, k) split as ``diag(own) + loadings @ loadings.T``."""
 
-    Args:
-        own: (k,) variances ≥ 0 of what every source has for itself [rad², m²].
-        loadings: (k, r) standard deviation of each source by each factor [rad, m]; the factor that turns the chain the
-            farthest is first. Each factor changes sources alone that are correlated with each other, and as many
-            as can be change lengths alone.
-    """
-
-    own: Array
+    own: Array  # (k,) variances ≥ 0 of what every source has for itself [rad², m²]
+    # (k, r) standard deviation of each source by each factor [rad, m]; the factor that turns the chain the farthest is
+    # first. Each factor changes sources alone that are correlated with each other, and as many as can be change lengths
+    # alone
     loadings: Array
 
     @classmethod
     def of(cls, covariance: Array, turning: Mask) -> SharedFactors:
-        """The split of a positive semidefinite covariance (k, k) of sources with variance, (k,) of them ``turning``.
+        """The split of a semidefinite covariance (k, k) of sources with variance, (k,) whether they turn the chain.
 
         The diagonal maximises ``Σ_i D_ii / Σ_ii`` with ``D ⪰ 0`` and ``Σ − D ⪰ 0`` in every group of sources that are
-        correlated with each other: minimum trace factor analysis of the matrix of correlations.
-
-        Source: P. M. Bentler, J. A. Woodward, Inequalities among lower bounds to reliability, Psychometrika 45 (1980)
-        249; A. Shapiro, Rank-reducibility of a symmetric matrix, Psychometrika 47 (1982) 187.
+        correlated with each other: minimum trace factor analysis of the matrix of correlations. Sources: P. M. Bentler,
+        J. A. Woodward, Psychometrika 45 (1980) 249; A. Shapiro, Psychometrika 47 (1982) 187.
         """
         sigma = np.sqrt(np.diag(covariance))
         own = np.array(np.diag(covariance), dtype=float)
@@ -61,12 +54,11 @@ class SharedFactors:
 
     @property
     def count(self) -> int:
-        """r, how many factors there are."""
         return int(self.loadings.shape[1])
 
 
 def _correlated_groups(covariance: Array) -> list[list[int]]:
-    """The sources that are correlated with others; those that are linked by correlations in one list."""
+    """The sources that are correlated with others, linked ones in one list."""
     linked = covariance != 0
     left = [k for k in range(len(linked)) if np.count_nonzero(linked[k]) > 1]
     groups = []
@@ -116,11 +108,9 @@ def _kept_diagonal(packed: bytes, count: int) -> bytes:
 
 
 def _largest_diagonal(R: Array) -> Array:
-    """The diagonal d ≥ 0 of largest sum with ``R − diag(d)`` positive semidefinite, by a logarithmic barrier.
-
-    Newton's method on ``Σ d + μ (log det Uᵀ (R − diag d) U + Σ log d)`` for μ → 0, U spanning the range of R. Where R
-    has a null vector v, ``vᵀ (R − diag d) v ≥ 0`` leaves no diagonal to any source that v names.
-    """
+    """The diagonal d ≥ 0 of largest sum with ``R − diag(d)`` positive semidefinite, by a logarithmic barrier. Newton's
+    method on ``Σ d + μ (log det Uᵀ (R − diag d) U + Σ log d)`` for μ → 0, U spanning the range of R. Where R has a null
+    vector v, ``vᵀ (R − diag d) v ≥ 0`` leaves no diagonal to any source that v names."""
     values, vectors = np.linalg.eigh(R)
     null = values <= _ZERO_EIGENVALUE * len(R)
     # The square root of what is overlooked here comes back as an eigenvalue below zero.
@@ -141,7 +131,6 @@ def _largest_diagonal(R: Array) -> Array:
 
 
 def _centre_barrier(R: Array, U: Array, free: Codes, d: Array, mu: float) -> None:
-    """Bring the free entries of d (changed in place) to the maximum of the barrier's function."""
     for _ in range(50):
         # (R - diag d)^-1 on the range of R; its square, entry by entry, is the Hessian of -log det.
         inverse = (U @ np.linalg.inv(U.T @ (R - np.diag(d)) @ U) @ U.T)[np.ix_(free, free)]

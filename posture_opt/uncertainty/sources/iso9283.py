@@ -21,28 +21,13 @@ Interval = tuple[float, float]
 
 @dataclass(frozen=True)
 class PositionPerformance:
-    """AP and RP of one commanded position, each with the interval in which sampling leaves the true value.
+    """AP and RP of one commanded position, each with the interval in which sampling leaves the true value."""
 
-    Args:
-        n: number of cycles (30 in the standard).
-        accuracy: AP, distance of the mean attained position from the commanded one [m].
-        accuracy_interval: from AP -+ t s / sqrt(n), s the deviation along the error, and from zero where Hotelling's
-            test does not separate the mean from the commanded position [m].
-        repeatability: RP = mean(l) + 3 S_l [m].
-        repeatability_interval: for Gaussian scatter of the sample's shape, by simulating the test itself [m].
-        mean_distance: mean(l) [m].
-        sd_distance: S_l, with n - 1 [m].
-        probability: that of the intervals.
-    """
-
-    n: int
-    accuracy: float
-    accuracy_interval: Interval
-    repeatability: float
-    repeatability_interval: Interval
-    mean_distance: float
-    sd_distance: float
-    probability: float
+    n: int  # number of cycles (30 in the standard)
+    accuracy: float  # AP, distance of the mean attained position from the commanded one [m]
+    accuracy_interval: Interval  # see `position_accuracy` [m]
+    repeatability: float  # RP = mean(l) + 3 S_l [m]
+    repeatability_interval: Interval  # for Gaussian scatter of the sample's shape, by simulating the test itself [m]
 
 
 @dataclass(frozen=True)
@@ -56,76 +41,54 @@ class OrientationPerformance:
 
 @dataclass(frozen=True)
 class RepeatabilitySampling:
-    """How RP of n cycles scatters about the RP of infinitely many, as ratios of the two.
+    """How RP of n cycles scatters about the RP of infinitely many, as ratios of the two."""
 
-    Args:
-        bias: mean of the ratio, minus one; below zero, as the mean position is fitted to the same cycles.
-        sd: standard deviation of the ratio.
-        interval: quantiles (1 - p) / 2 and (1 + p) / 2 of the ratio.
-    """
-
-    bias: float
-    sd: float
-    interval: Interval
+    bias: float  # mean of the ratio, minus one; below zero, as the mean position is fitted to the same cycles
+    sd: float  # standard deviation of the ratio
+    interval: Interval  # quantiles (1 - p) / 2 and (1 + p) / 2 of the ratio
 
 
 def position_performance(
     attained: ArrayLike, commanded: ArrayLike, p: float = 0.95, seed: int | None = None
 ) -> PositionPerformance:
-    """AP and RP of positions attained for one commanded position.
+    """AP and RP of positions attained (n, d) [m], d = 1, 2 or 3, for one commanded position (d,) [m].
 
-    ``AP = |mean(x) - x_c|``, ``l_j = |x_j - mean(x)|``, ``RP = mean(l) + 3 S_l``, ``S_l`` with n - 1.
-
-    Args:
-        attained: (n, d) [m], d = 1, 2 or 3.
-        commanded: (d,) [m].
-        p: probability of the intervals.
-        seed: of the simulation behind the interval of RP.
-
-    Raises:
-        InputError: shapes that do not fit, or a number that is not finite.
-        InsufficientDataError: fewer than three cycles.
-
-    Source: ISO 9283:1998, 7.2.1 and 7.2.2.
+    ``AP = |mean(x) - x_c|``, ``l_j = |x_j - mean(x)|``, ``RP = mean(l) + 3 S_l``, ``S_l`` with n - 1. The intervals
+    have the probability p. Source: ISO 9283:1998, 7.2.1 and 7.2.2.
     """
     accuracy, interval = position_accuracy(attained, commanded, p)
     x = _checked_cycles(attained)
     n, distance = len(x), np.linalg.norm(x - x.mean(axis=0), axis=1)
-    mean, sd = float(distance.mean()), float(distance.std(ddof=1))
-    covariance, repeatability = np.atleast_2d(np.cov(x, rowvar=False)), mean + 3 * sd
+    repeatability = float(distance.mean() + 3 * distance.std(ddof=1))
+    covariance = np.atleast_2d(np.cov(x, rowvar=False))
     low, high = repeatability_sampling(covariance, n, p, seed=seed).interval if repeatability else (1.0, 1.0)
-    return PositionPerformance(
-        n=n,
-        accuracy=accuracy,
-        accuracy_interval=interval,
-        repeatability=repeatability,
-        repeatability_interval=(repeatability / high, repeatability / low),
-        mean_distance=mean,
-        sd_distance=sd,
-        probability=p,
-    )
+    return PositionPerformance(n, accuracy, interval, repeatability, (repeatability / high, repeatability / low))
 
 
 def position_accuracy(attained: ArrayLike, commanded: ArrayLike, p: float = 0.95) -> tuple[float, Interval]:
-    """AP and its interval alone, without the simulation behind that of RP; see `position_performance`."""
+    """AP and its interval ``AP ∓ t_((1+p)/2)(n - 1) s / sqrt(n)``, s the deviation along the error [m].
+
+    The interval starts at zero where Hotelling's test of size 1 - p does not reject a mean at the commanded position:
+    the length of a mean is never zero, even where the true one is.
+    """
+    from scipy.special import stdtrit
+
     x, goal = _checked_cycles(attained), np.atleast_1d(np.asarray(commanded, dtype=float))
     if x.shape[1] != len(goal) or not np.isfinite(goal).all():
         raise InputError(f"a commanded position of {len(goal)} numbers does not fit attained ones of {x.shape[1]}")
     error = x.mean(axis=0) - goal
-    accuracy = float(np.linalg.norm(error))
-    covariance = np.atleast_2d(np.cov(x, rowvar=False))
-    half = _accuracy_margin(covariance, error, len(x), p)
-    # The length of a mean is never zero, even where the true one is: what scatter alone may make of it starts at zero.
-    low = 0.0 if _mere_scatter(covariance, error, len(x), p) else max(accuracy - half, 0.0)
-    return accuracy, (low, accuracy + half)
+    size, n, d = float(np.linalg.norm(error)), len(x), len(error)
+    C = np.atleast_2d(np.cov(x, rowvar=False))
+    # Without an error there is no direction to look along: take the worst one.
+    variance = error @ C @ error / size**2 if size > 0 else np.linalg.eigvalsh(C)[-1]
+    half = float(stdtrit(n - 1, (1 + p) / 2)) * math.sqrt(variance / n)
+    tested = n > d and np.linalg.matrix_rank(C, hermitian=True) == d
+    mere_scatter = tested and n * error @ np.linalg.solve(C, error) <= hotelling_factor(p, d, n - 1) ** 2
+    return size, (0.0 if mere_scatter else max(size - half, 0.0), size + half)
 
 
 def orientation_performance(attained: ArrayLike, commanded: float) -> OrientationPerformance:
-    """AP and RP of one angle (roll, pitch or yaw) attained n times [rad]; ISO 9283:1998, 7.2.1 and 7.2.2.
-
-    Raises:
-        InputError, InsufficientDataError: as `position_performance`.
-    """
+    """AP and RP of one angle (roll, pitch or yaw) attained n times [rad]; ISO 9283:1998, 7.2.1 and 7.2.2."""
     angles = _checked_cycles(np.asarray(attained, dtype=float).reshape(-1, 1))[:, 0]
     # Angles on both sides of pi are near to each other: count them from the commanded one.
     offset = np.mod(angles - commanded + math.pi, TURN) - math.pi
@@ -137,13 +100,8 @@ def repeatability_sampling(
 ) -> RepeatabilitySampling:
     """How far RP of n Gaussian cycles may lie from the RP of infinitely many, by simulating the test.
 
-    Args:
-        covariance: (d, d), only its shape matters.
-        n: cycles of one test.
-        trials: tests simulated; the ends of the interval are good to some ``2 / sqrt(trials)`` of its width.
-
-    Raises:
-        InputError: n < 3, or a covariance of zero.
+    Of the covariance (d, d) the shape alone matters. The ends of the interval are good to some ``2 / sqrt(trials)`` of
+    its width.
     """
     C = _checked_covariance(covariance)
     if n < 3 or not np.trace(C) > 0:
@@ -159,43 +117,25 @@ def repeatability_sampling(
 
 
 def repeatability_from_covariance(covariance: ArrayLike) -> float:
-    """RP of a Gaussian point, ``E[l] + 3 sd[l]`` with ``l = |x - E x|`` [m].
-
-    Args:
-        covariance: (d, d) [m^2], d = 1, 2 or 3.
-
-    Raises:
-        InputError: not a square matrix of that size.
+    """RP of a Gaussian point of covariance (d, d) [m²], ``E[l] + 3 sd[l]`` with ``l = |x - E x|`` [m].
 
     Source: ISO 9283:1998, 7.2.2, for infinitely many cycles.
-
-    Example:
-        >>> import numpy as np
-        >>> print(f"{repeatability_from_covariance(np.eye(3)):.5f}")
-        3.61609
     """
     return float(repeatabilities(_checked_covariance(covariance)[None])[0])
 
 
 def repeatabilities(covariances: ArrayLike) -> Array:
-    """(N,) RP [m] of N Gaussian points with covariances (N, d, d) [m^2]; see `repeatability_from_covariance`."""
+    """(N,) RP [m] of N Gaussian points with covariances (N, d, d) [m²]."""
     mean, sd = distance_moments(covariances)
     return mean + 3 * sd
 
 
 def distance_moments(covariances: ArrayLike) -> tuple[Array, Array]:
-    """Mean and standard deviation, (N,) each, of the length of zero-mean Gaussian vectors [m].
+    """Mean and σ, (N,) each, of the length of zero-mean Gaussian vectors [m], covariances (N, d, d) [m²], d ≤ 3.
 
-    ``E l = 1 / (2 sqrt(pi)) Int_0^inf (1 - prod_i (1 + 2 t lambda_i)^(-1/2)) t^(-3/2) dt`` with the eigenvalues of
-    C; equally ``2 sqrt(2/pi) R_G(lambda)``, Carlson's elliptic integral. ``sd^2 = tr C - (E l)^2``.
-
-    Args:
-        covariances: (N, d, d) [m^2], d = 1, 2 or 3, positive semidefinite.
-
-    Raises:
-        InputError: another shape, or a number that is not finite.
-
-    Source: A. M. Mathai and S. B. Provost, Quadratic Forms in Random Variables (1992), 3.2b.
+    ``E l = 1 / (2 sqrt(pi)) Int_0^inf (1 - prod_i (1 + 2 t lambda_i)^(-1/2)) t^(-3/2) dt`` with the eigenvalues of C;
+    equally ``2 sqrt(2/pi) R_G(lambda)``, Carlson's elliptic integral. ``sd^2 = tr C - (E l)^2``. Source: A. M. Mathai
+    and S. B. Provost, Quadratic Forms in Random Variables (1992), 3.2b.
     """
     C = np.asarray(covariances, dtype=float)
     if C.ndim != 3 or C.shape[1] != C.shape[2] or not 1 <= C.shape[1] <= 3 or not np.isfinite(C).all():
@@ -223,31 +163,8 @@ def _mean_length(e2: Array, e3: Array) -> Array:
     return result
 
 
-def _accuracy_margin(covariance: Array, error: Array, n: int, p: float) -> float:
-    """Half width [m] of the interval of AP: ``t_((1+p)/2)(n - 1) s / sqrt(n)``, s the deviation along the error."""
-    from scipy.special import stdtrit
-
-    size = np.linalg.norm(error)
-    # Without an error there is no direction to look along: take the worst one.
-    variance = error @ covariance @ error / size**2 if size > 0 else np.linalg.eigvalsh(covariance)[-1]
-    return float(stdtrit(n - 1, (1 + p) / 2)) * math.sqrt(variance / n)
-
-
-def _mere_scatter(covariance: Array, error: Array, n: int, p: float) -> bool:
-    """Whether Hotelling's test of size 1 - p does not reject a mean of zero."""
-    d = len(error)
-    if n <= d or np.linalg.matrix_rank(covariance, hermitian=True) < d:
-        return False
-    return float(n * error @ np.linalg.solve(covariance, error)) <= hotelling_factor(p, d, n - 1) ** 2
-
-
 def _checked_cycles(attained: ArrayLike) -> Array:
-    """(n, d) attained positions as floats.
-
-    Raises:
-        InputError: another shape, or a number that is not finite.
-        InsufficientDataError: fewer than three cycles.
-    """
+    """(n, d) attained positions as floats, three cycles at least."""
     x = np.asarray(attained, dtype=float)
     if x.ndim != 2 or not 1 <= x.shape[1] <= 3 or not np.isfinite(x).all():
         raise InputError(f"finite attained positions (n, 3) are wanted, not {x.shape}")
@@ -257,11 +174,7 @@ def _checked_cycles(attained: ArrayLike) -> Array:
 
 
 def _checked_covariance(covariance: ArrayLike) -> Array:
-    """(d, d) a covariance as floats; a number is one on a line.
-
-    Raises:
-        InputError: not square.
-    """
+    """(d, d) a covariance as floats; a number is one on a line."""
     C = np.atleast_2d(np.asarray(covariance, dtype=float))
     if C.ndim != 2 or C.shape[0] != C.shape[1]:
         raise InputError(f"a square covariance is wanted, not {C.shape}")

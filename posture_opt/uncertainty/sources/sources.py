@@ -10,36 +10,21 @@ import numpy as np
 from posture_opt.errors import InputError, Issue
 from posture_opt.numerics import Array
 
-_MAX_SIGMA = 1e5
-"""Standard deviation [m or rad] beyond which a unit or an exponent is wrong."""
-_EIGENVALUE_ROUNDING = 1e-9
-"""Of an eigenvalue of a correlation matrix, per row: what float arithmetic leaves of a zero."""
+_EIGENVALUE_ROUNDING = 1e-9  # of a matrix of correlations, per row: what float arithmetic leaves of a zero
 
 
 @dataclass(frozen=True, eq=False)
 class Sources:
-    """Named Gaussian errors of model parameters with mean zero and one covariance matrix.
+    """Named Gaussian errors of model parameters with mean zero and one covariance matrix."""
 
-    Args:
-        names: (k,) names of model parameters, ``JOINT.PARAMETER``.
-        covariance: (k, k), SI units: rad², m², rad m.
-        notes: sentences for the report on where the numbers come from.
-        scatter: (k, k) the part of the covariance that is drawn anew at every repeat; the rest is what is not known of
-            errors that stay. Where it is left out, no part.
-        details: those of the notes that a report of one screen leaves out.
-        assumed: whether nothing was stated, so that the repeatability of the data sheet stands for it.
-
-    Example:
-        >>> Sources.independent({"joint1.theta": 0.01, "joint1.a": 1e-4}).sigma.tolist()
-        [0.01, 0.0001]
-    """
-
-    names: tuple[str, ...] = ()
-    covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    notes: tuple[str, ...] = ()
+    names: tuple[str, ...] = ()  # (k,) names of model parameters, JOINT.PARAMETER
+    covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))  # (k, k), SI units: rad², m², rad m
+    notes: tuple[str, ...] = ()  # sentences for the report on where the numbers come from
+    # (k, k) the part of the covariance that is drawn anew at every repeat; the rest is what is not known of errors that
+    # stay. Where it is left out, no part
     scatter: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    details: tuple[str, ...] = ()
-    assumed: bool = False
+    details: tuple[str, ...] = ()  # those of the notes that a report of one screen leaves out
+    assumed: bool = False  # whether nothing was stated, so that the repeatability of the data sheet stands for it
 
     def __post_init__(self) -> None:
         """Makes both matrices read-only arrays of the right size."""
@@ -80,7 +65,6 @@ class Sources:
 
     @property
     def empty(self) -> bool:
-        """Whether nothing is uncertain."""
         return not self.names
 
     def same_as(self, other: Sources) -> bool:
@@ -96,11 +80,7 @@ class Sources:
         return replace(self, names=names, covariance=self.covariance[at], scatter=self.scatter[at])
 
     def joined(self, other: Sources) -> Sources:
-        """Both sets of sources, the two independent of each other.
-
-        Raises:
-            InputError: a name that is in both.
-        """
+        """Both sets of sources, the two independent of each other."""
         twice = sorted(set(self.names) & set(other.names))
         if twice:
             raise InputError(Issue(f"the error of {', '.join(twice)} is stated twice", hint="state it once"))
@@ -119,17 +99,17 @@ class Sources:
 
 
 def covariance_issues(names: Sequence[str], covariance: Array) -> list[Issue]:
-    """What keeps a symmetric matrix from being a covariance: negative variances or impossible correlations.
-
-    A matrix is a covariance exactly if it is positive semidefinite. The test is made on the matrix of
-    correlations, which has no units: in the covariance itself a few rad² would drown in m², or the reverse.
-    """
+    """What keeps a symmetric matrix from being a covariance: negative variances or impossible correlations. A matrix is
+    a covariance exactly if it is positive semidefinite. The test is made on the matrix of correlations, which has no
+    units: in the covariance itself a few rad² would drown in m², or the reverse."""
     variance = np.diag(covariance)
     negative = [name for name, v in zip(names, variance, strict=True) if v < 0]
     if negative:
         return [Issue(f"negative variance of {', '.join(negative)}", hint="a variance is 0 or greater")]
     sigma = np.sqrt(variance)
-    far = [f"{name} is {s:.4g}" for name, s in zip(names, sigma, strict=True) if s > _MAX_SIGMA]
+    far = [
+        f"{name} is {s:.4g}" for name, s in zip(names, sigma, strict=True) if s > 1e5
+    ]  # a unit or an exponent is wrong
     if far:
         return [Issue(f"not plausible: the σ of {', '.join(far)}", hint="in m or rad; are unit and exponent right?")]
     idle = sigma == 0
@@ -139,13 +119,10 @@ def covariance_issues(names: Sequence[str], covariance: Array) -> list[Issue]:
     beyond = np.argwhere(np.triu(np.abs(correlation) > 1 + _EIGENVALUE_ROUNDING, 1))
     varying = [name for name, still in zip(names, idle, strict=True) if not still]
     if len(beyond):
-        return [_correlation_issue(varying[i], varying[j], correlation[i, j]) for i, j in beyond]
+        hint = "a correlation lies between -1 and 1"
+        texts = [f"the correlation of {varying[i]} and {varying[j]} is {correlation[i, j]:.6g}" for i, j in beyond]
+        return [Issue(text, hint=hint) for text in texts]
     return _definiteness_issues(varying, correlation)
-
-
-def _correlation_issue(a: str, b: str, rho: float) -> Issue:
-    """The issue about a correlation beyond ±1."""
-    return Issue(f"the correlation of {a} and {b} is {rho:.6g}", hint="a correlation lies between -1 and 1")
 
 
 def _definiteness_issues(names: Sequence[str], correlation: Array) -> list[Issue]:

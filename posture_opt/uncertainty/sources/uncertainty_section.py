@@ -22,16 +22,14 @@ from posture_opt.uncertainty.sources.sources import Sources, covariance_issues
 from posture_opt.uncertainty.sources.workpiece import FeatureErrors, WorkpieceErrors, workpiece_sources
 from posture_opt.units import Angle, Length, Pixels, Quantity, parse_quantity
 
+# Two parameters and the coefficient of correlation of their errors
 Correlation = Annotated[tuple[str, str, float], Field(examples=[["joint1.a", "joint2.a", 0.8]])]
-"""Two parameters and the coefficient of correlation of their errors."""
 
 
+# Ends of the names of parameters that are angles
 _ANGLE_PARAMETERS = ("theta", "alpha", "beta", "roll", "pitch", "yaw")
-"""Ends of the names of parameters that are angles."""
-_MAX_SIGMA_RAD = np.pi
-"""Of an angle: half a turn, from which on it is anywhere."""
-_LENGTH_PARAMETERS = ("d", "a", "x", "y", "z")
-"""Ends of the names of parameters that are lengths."""
+_MAX_SIGMA_RAD = np.pi  # Of an angle: half a turn, from which on it is anywhere
+_LENGTH_PARAMETERS = ("d", "a", "x", "y", "z")  # Ends of the names of parameters that are lengths
 
 
 class MeasurementSpec(Spec):
@@ -77,16 +75,7 @@ class UncertaintySpec(Spec):
         return workpiece_sources(self.workpiece, self.feature)
 
     def build(self, arm: Arm, folder: Path, attached: Mapping[str, str] | None = None) -> Sources:
-        """The sources of an arm.
-
-        Args:
-            arm: with its effects, whose parameters may be uncertain too.
-            folder: where the name of a covariance file starts.
-            attached: name -> text of files that are not on the disk; looked up first.
-
-        Raises:
-            InputError: everything wrong with the section, keys relative to it.
-        """
+        """The sources of an arm."""
         robot = arm.robot
         dimensions = {n: "angle" if f.kind == "rotate" else "length" for n, f in robot.parameters.items()}
         dimensions |= arm.dimensions
@@ -103,21 +92,14 @@ class UncertaintySpec(Spec):
         return self.completed(named, robot, scatter)
 
     def completed(self, named: Sources, robot: Robot, scatter: Mapping[str, float]) -> Sources:
-        """The sources ``named`` with a repeatability, stated or of the data sheet, and with the ``scatter`` [rad or m].
-
-        Raises:
-            InputError: sigma and repeatability speak of one joint.
-        """
+        """The sources ``named`` with a repeatability, stated or of the data sheet, and with the ``scatter`` [rad or
+        m]."""
         both = scatter and self.covariance
         note = ("repeatability is added to the parameter uncertainty",) if both else ()
         return self._with_repeatability(named, robot).plus(Sources.scattering(scatter, note))
 
     def check(self) -> None:
-        """All of ``build`` that needs neither robot nor files: the end of a name decides between angles and lengths.
-
-        Raises:
-            InputError: everything wrong with the section, keys relative to it.
-        """
+        """All of ``build`` that needs neither robot nor files: the end of a name decides between angles and lengths."""
         issues = self._contradictions()
         try:
             self._from_sigma(None)
@@ -129,7 +111,6 @@ class UncertaintySpec(Spec):
             raise InputError(issues)
 
     def _contradictions(self) -> list[Issue]:
-        """Keys that exclude each other, or that lack another one."""
         issues = []
         if self.covariance and (self.sigma or self.correlation):
             hint = "the file holds variances and correlations alike; leave out sigma and correlation"
@@ -140,7 +121,6 @@ class UncertaintySpec(Spec):
         return issues
 
     def _weight_issues(self, robot: Robot) -> list[Issue]:
-        """Weights of joints that the robot lacks, or all of them zero."""
         names = robot.joint_names
         issues = [
             Issue("the robot has no such joint", ("weights", name), name, one_of(name, names, "joints"))
@@ -152,11 +132,7 @@ class UncertaintySpec(Spec):
         return issues
 
     def _from_file(self, dimensions: dict[str, str], folder: Path, attached: Mapping[str, str]) -> Sources:
-        """The sources of the covariance file.
-
-        Raises:
-            InputError: it cannot be read, or is no covariance.
-        """
+        """The sources of the covariance file."""
         assert self.covariance is not None
         text = attached.get(self.covariance)
         try:
@@ -170,11 +146,7 @@ class UncertaintySpec(Spec):
         return Sources(names, covariance, (f"covariance from {self.covariance}",))
 
     def _from_sigma(self, dimensions: dict[str, str] | None) -> Sources:
-        """The sources of ``sigma`` and ``correlation``; without dimensions those that a name has in any robot.
-
-        Raises:
-            InputError: everything wrong with both.
-        """
+        """The sources of ``sigma`` and ``correlation``; without dimensions those that a name has in any robot."""
         issues: list[Issue] = []
         sigma = {name: _read_sigma(name, text, dimensions, issues) for name, text in self.sigma.items()}
         names = tuple(sigma)
@@ -213,11 +185,7 @@ class UncertaintySpec(Spec):
 
     def _with_repeatability(self, named: Sources, robot: Robot) -> Sources:
         """The sources with joint errors from a repeatability: the stated one, or the data sheet's where nothing is
-        stated.
-
-        Raises:
-            InputError: sigma and repeatability both state one joint.
-        """
+        stated."""
         if self.repeatability is None and (robot.repeatability is None or self._states_any):
             return named
         if self.repeatability is None:
@@ -237,7 +205,6 @@ class UncertaintySpec(Spec):
 
     @property
     def _states_any(self) -> bool:
-        """Whether the section states any uncertainty but a repeatability."""
         return bool(self.sigma or self.covariance or self.scatter)
 
 

@@ -19,12 +19,10 @@ from posture_opt.spec import Spec
 from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.units import Angle, Length
 
+# What is stated of workpiece and features, by the keys of the section uncertainty
 POSITION, ANGLE, FEATURE = "workpiece.position", "workpiece.angle", "feature.position"
-"""What is stated of workpiece and features, by the keys of the section ``uncertainty``."""
+# Each error has three independent coordinates of one standard deviation; they are sources with these ends
 COORDINATES = "xyz"
-"""Each error has three independent coordinates of one standard deviation; they are sources with these ends."""
-_MAX_ANGLE = math.radians(5.0)
-"""Turns enter to first order: at 5 deg the variance that they cause is right to 2 %."""
 
 
 class WorkpieceErrors(Spec):
@@ -36,13 +34,13 @@ class WorkpieceErrors(Spec):
     position: Annotated[Length, Field(ge=0)] = Field(
         0.0, description="of each coordinate of its origin", examples=["0.05 mm"]
     )
-    angle: Annotated[Angle, Field(ge=0, le=_MAX_ANGLE)] = Field(
+    # Turns enter to first order: at 5 deg the variance that they cause is right to 2 %.
+    angle: Annotated[Angle, Field(ge=0, le=math.radians(5.0))] = Field(
         0.0, description="of each small turn, about x, y and z through its origin", examples=["0.02 deg"]
     )
 
     @model_validator(mode="after")
     def _says_something(self) -> WorkpieceErrors:
-        """The section as it is, unless it states nothing."""
         if not self.model_fields_set:
             raise BadValueError("neither position nor angle is stated", "write workpiece: {position: 0.05 mm}")
         return self
@@ -64,7 +62,6 @@ def workpiece_sources(workpiece: WorkpieceErrors | None, feature: FeatureErrors 
 
 
 def _isotropic(stated: str, sigma: float) -> dict[str, float]:
-    """The three coordinates of an error with their standard deviation; none where that is zero."""
     return {f"{stated}.{c}": sigma for c in COORDINATES} if sigma > 0 else {}
 
 
@@ -80,12 +77,8 @@ def of_workpiece(name: str) -> bool:
 
 
 def relative_twist(name: str, lever: Vector) -> Twist:
-    """Shift and small rotation of the tool relative to the feature, per unit of an error of workpiece or feature.
-
-    Args:
-        name: of the source.
-        lever: (3,) from the workpiece's origin to the point of the tool [m], world.
-    """
+    """Shift and small rotation of the tool relative to the feature, per unit of an error of workpiece or feature. name:
+    of the source; lever: (3,) from the workpiece's origin to the point of the tool [m], world."""
     k = COORDINATES.index(name[-1])
     away: Vector = (-float(k == 0), -float(k == 1), -float(k == 2))
     return (cross(away, lever), away) if stated_name(name) == ANGLE else (away, ZERO)

@@ -1,117 +1,84 @@
-"""``FixedPlan``: nodes for the shared factors of correlated errors that are the same at every posture."""
+"""Nodes for the shared factors of correlated errors that are the same at every posture, chosen by their error there."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 
 from posture_opt.numerics import Array
-from posture_opt.uncertainty.moments.gaussian_rules import Nodes, degree_five, joined, rotated
-from posture_opt.uncertainty.moments.integration import MAX_LEVELS, relative_difference
-from posture_opt.uncertainty.moments.node_plan import NodePlan
+from posture_opt.uncertainty.moments.exact_moments import Segment
+from posture_opt.uncertainty.moments.gaussian_rules import degree_five, joined, rotated
+from posture_opt.uncertainty.moments.integration import NodePlan, relative_difference, rising
 from posture_opt.uncertainty.moments.tool_point import Moments, ToolPoint
 
-MAX_UNROLLED_WALKS = 128
-"""Walks along a segment that are written out: generated code of half a megabyte."""
-_VARIANCE_TOLERANCE = 1e-6
-"""Relative error of the variance in any direction at which no further plan is tried."""
-_ENOUGH_FOR_ROWS = 2e-3
-"""The same, up to which the covariances of many postures take code written out, a hundred times as fast as arrays."""
-_FEWEST_PROBES, _MOST_PROBES, _PROBE_NODES = 6, 32, 100_000
-"""Random postures at which the error of a plan is measured: as many as take so many nodes to integrate at."""
-_ROTATION_PROBES = 32
-"""Random postures at which the scatter of rotated rules is taken."""
-_FEWEST_ROTATIONS = 4
-"""Rotated rules of one plan; their scatter is its error."""
-MAX_ARRAY_NODES = 4096
-"""Nodes up to which there are products, or more rotated rules: some milliseconds a posture."""
+MAX_UNROLLED_WALKS = 128  # along a segment, written out: generated code of half a megabyte
+_ENOUGH = 1e-6  # relative error of the variance in any direction at which no further plan is tried
+_ENOUGH_FOR_ROWS = 2e-3  # up to which many postures take code written out, a hundred times as fast as arrays
+_MAX_ARRAY_NODES = 4096  # of products and rotated rules: some milliseconds a posture
 
 
-@dataclass(frozen=True, eq=False)
-class FixedPlan:
-    """Nodes for shared factors that do not depend on the posture.
+def plan_for_code(tool_point: ToolPoint) -> NodePlan | None:
+    """For code that is written out: the cheapest plan whose error is below 1e-6, else the best; None in closed form.
 
-    Args:
-        plan: None where there is a closed form.
-        relative_error: estimate of the largest of the variance along any direction at random postures; 0 in closed
-            form.
+    It costs an integration to convergence at each of 6 to 32 postures.
     """
+    if not tool_point.integrated:
+        return None
+    return _best_of(_unrolled_plans(tool_point), _Probes.of(tool_point), _ENOUGH)
 
-    plan: NodePlan | None
-    relative_error: float
 
-    @property
-    def count(self) -> int:
-        """How many walks along the chain there are."""
-        return 1 if self.plan is None else self.plan.count
+def plan_for_rows(tool_point: ToolPoint) -> NodePlan | None:
+    """For many postures at once: the plan for code where that is good enough, else more nodes or `rotated` rules."""
+    if not tool_point.integrated:
+        return None
+    probes = _Probes.of(tool_point)
+    best = _best_of(_unrolled_plans(tool_point), probes, _ENOUGH)
+    if best.relative_error > _ENOUGH_FOR_ROWS:
+        best = _best_of(chain([best], _levels(tool_point, _MAX_ARRAY_NODES)), probes, _ENOUGH_FOR_ROWS)
+    if best.relative_error > _ENOUGH_FOR_ROWS:
+        best = min(best, _rotated_plan(tool_point), key=lambda plan: plan.relative_error)
+    return best
 
-    @classmethod
-    def of(cls, tool_point: ToolPoint) -> FixedPlan:
-        """For code that is written out: the first of some plans, the cheapest first, whose error is below 1e-6, else
-        the best of them.
 
-        It costs an integration to convergence at each of 6 to 32 postures.
-        """
-        return cls._first(_unrolled_plans(tool_point), _Probes.of(tool_point), _VARIANCE_TOLERANCE)
+def _best_of(plans: Iterable[NodePlan], probes: _Probes, goal: float) -> NodePlan:
+    """The first of some plans whose error is at most the goal, else the best of them."""
+    found: list[NodePlan] = []
+    for plan in plans:
+        known = plan.relative_error >= 0  # NaN before it is measured
+        found.append(plan if known else replace(plan, relative_error=probes.error(plan)))
+        if found[-1].relative_error <= goal:
+            break
+    return min(found, key=lambda plan: plan.relative_error)
 
-    @classmethod
-    def of_rows(cls, tool_point: ToolPoint) -> FixedPlan:
-        """For many postures at once: the plan for code where that is good enough, else the best of it, products with
-        more nodes and `rotated` rules.
-        """
-        probes = _Probes.of(tool_point)
-        best = cls._first(_unrolled_plans(tool_point), probes, _VARIANCE_TOLERANCE)
-        if best.relative_error > _ENOUGH_FOR_ROWS:
-            more = cls._first(_levels(tool_point, MAX_ARRAY_NODES), probes, _ENOUGH_FOR_ROWS)
-            best = min(best, more, key=lambda either: either.relative_error)
-        if best.relative_error > _ENOUGH_FOR_ROWS:
-            best = min(best, cls.rotated(tool_point), key=lambda either: either.relative_error)
-        return best
 
-    @classmethod
-    def _first(cls, plans: Iterable[NodePlan], probes: _Probes, goal: float) -> FixedPlan:
-        """The first of some plans whose error is at most the goal, else the best of them; none in closed form."""
-        best = cls(None, math.inf if probes.truth else 0.0)
-        for plan in plans if probes.truth else ():
-            best = min(best, cls(plan, probes.error(plan)), key=lambda either: either.relative_error)
-            if best.relative_error <= goal:
-                break
-        return best
+def _rotated_plan(tool_point: ToolPoint) -> NodePlan:
+    """Four or more rules of degree 5 in all factors, each in random axes of its own, at most 4096 nodes in all.
 
-    @classmethod
-    def rotated(cls, tool_point: ToolPoint) -> FixedPlan:
-        """Several rules of degree 5 in all factors, each in random axes of its own; twice their standard error at the
-        probes is the error of their mean.
-
-        There are four rules, or more where all have fewer than 4096 nodes. What one rule leaves, of the sixth
-        order in the errors, scatters from axes to axes.
-
-        Source: A. Genz, J. Monahan, Stochastic integration rules for infinite regions, SIAM J. Sci. Comput. 19 (1998)
-        426.
-        """
-        Q, rng = _random_postures(tool_point, _ROTATION_PROBES), np.random.default_rng(0)
-        rules = [degree_five(span.count, other=True) for span in tool_point.spans]
-        most = max(_FEWEST_ROTATIONS, MAX_ARRAY_NODES // sum(rule.count for rule in rules))
-        drawn = [[rotated(rule, rng) for rule in rules] for _ in range(most)]
-        whole = _plan_of(tool_point, [joined([one[k] for one in drawn]) for k in range(len(rules))])
-        parts = [_covariances(tool_point, _plan_of(tool_point, one), Q) for one in drawn]
-        squares = np.array([
-            [relative_difference(C, mean) ** 2 for C, mean in zip(part, np.mean(parts, axis=0), strict=True)]
-            for part in parts
-        ])  # fmt: skip
-        return cls(whole, float(2 * np.sqrt(squares.sum(axis=0).max() / (most * (most - 1)))))
+    What one rule leaves, of the sixth order in the errors, scatters from axes to axes: twice the standard error at the
+    probes is the error of the mean. Source: A. Genz, J. Monahan, Stochastic integration rules for infinite regions,
+    SIAM J. Sci. Comput. 19 (1998) 426.
+    """
+    Q, rng = _random_postures(tool_point, 32), np.random.default_rng(0)
+    rules = [degree_five(span.count, other=True) for span in tool_point.spans]
+    most = max(4, _MAX_ARRAY_NODES // sum(rule.count for rule in rules))
+    drawn = [[rotated(rule, rng) for rule in rules] for _ in range(most)]
+    plans = [
+        _whole_plan(tool_point, [span.segment(rule) for span, rule in zip(tool_point.spans, one, strict=True)])
+        for one in (*drawn, [joined(rotations) for rotations in zip(*drawn, strict=True)])
+    ]
+    parts = [_covariances(tool_point, plan, Q) for plan in plans[:-1]]
+    means = np.mean(parts, axis=0)
+    squares = np.array([[relative_difference(*pair) ** 2 for pair in zip(part, means, strict=True)] for part in parts])
+    error = float(2 * np.sqrt(squares.sum(axis=0).max() / (most * (most - 1))))
+    return replace(plans[-1], relative_error=error)
 
 
 @dataclass(frozen=True, eq=False)
 class _Probes:
-    """Covariances that plans are compared with: postures Q (N, n) and what an integration to convergence finds there.
-
-    Args:
-        truth: N moments; none where there is a closed form.
-    """
+    """Random postures Q (N, n) and what an integration to convergence finds there: plans are compared with it."""
 
     tool_point: ToolPoint
     Q: Array
@@ -119,11 +86,9 @@ class _Probes:
 
     @classmethod
     def of(cls, tool_point: ToolPoint) -> _Probes:
-        """The moments at random postures, fewer where each takes many nodes."""
-        Q = _random_postures(tool_point, _MOST_PROBES if tool_point.integrated else 0)
-        truth: list[Moments] = []
-        nodes = 0
-        while len(truth) < len(Q) and (len(truth) < _FEWEST_PROBES or nodes < _PROBE_NODES):
+        """Six to 32 postures, fewer where each takes many nodes."""
+        Q, truth, nodes = _random_postures(tool_point, 32), list[Moments](), 0
+        while len(truth) < len(Q) and (len(truth) < 6 or nodes < 100_000):
             truth.append(tool_point.moments([float(v) for v in Q[len(truth)]]))
             integration = truth[-1].integration
             nodes += integration.nodes if integration else 0
@@ -149,28 +114,26 @@ def _covariances(tool_point: ToolPoint, plan: NodePlan, Q: Array) -> Array:
     return np.broadcast_to(tool_point.moments(columns, plan).covariance, (len(Q), 3, 3))
 
 
-def _plan_of(tool_point: ToolPoint, rules: Sequence[Nodes]) -> NodePlan:
-    """The plan of one rule for each span, no factor left out."""
-    segments = tuple(span.segment(rule) for span, rule in zip(tool_point.spans, rules, strict=True))
+def _whole_plan(tool_point: ToolPoint, segments: Sequence[Segment]) -> NodePlan:
     return NodePlan(segments, tool_point.shared.loadings[:, :0])
 
 
 def _unrolled_plans(tool_point: ToolPoint) -> Iterator[NodePlan]:
-    """Plans of rising cost, at most `MAX_UNROLLED_WALKS` walks each."""
-    chain = tool_point.shared, tool_point.indices, tool_point.robot.factors
-    few = NodePlan.few(*chain)
+    """Plans of rising cost."""
+    split = tool_point.shared, tool_point.indices, tool_point.robot.factors
+    few = NodePlan.few(*split)
     yield few
     if few.straight.shape[1]:
-        whole = NodePlan.few(*chain, most=tool_point.shared.count)
+        whole = NodePlan.few(*split, most=tool_point.shared.count)
         if whole.count <= MAX_UNROLLED_WALKS:
             yield whole
     yield from _levels(tool_point, MAX_UNROLLED_WALKS)
 
 
 def _levels(tool_point: ToolPoint, most: int) -> Iterator[NodePlan]:
-    """The nodes of rising refinements for all factors, at most so many walks each."""
-    for level in range(MAX_LEVELS):
-        plan = NodePlan.at_level(tool_point.shared, tool_point.spans, level)
-        if plan is None or plan.count > most:
+    """Rising refinements for all factors, at most so many walks each."""
+    for segments in rising(tool_point.spans):
+        plan = _whole_plan(tool_point, segments)
+        if plan.count > most:
             return
         yield plan

@@ -13,25 +13,20 @@ from posture_opt.model.effects.base.cause import Cause
 from posture_opt.robot.robot import Robot
 from posture_opt.spec import Spec
 
-Input = str
-"""A key of ``INPUTS``."""
+Input = str  # A key of INPUTS
+# A number for a ratio, else a text with a unit; read where the dimension of the parameter is known
 Quantity = Annotated[Any, WithJsonSchema({"type": ["string", "number"]})]
-"""A number for a ratio, else a text with a unit; read where the dimension of the parameter is known."""
 
 
 @dataclass(frozen=True)
 class NeededInput:
-    """What an effect may need to be seen.
+    """What an effect may need to be seen."""
 
-    Args:
-        words: its name in reports.
-        hint: how to supply it.
-    """
-
-    words: str
-    hint: str
+    words: str  # its name in reports
+    hint: str  # how to supply it
 
 
+# Key of an input -> its name and how to supply it
 INPUTS: dict[Input, NeededInput] = {
     "approach": NeededInput(
         "both sides", "approach each joint value from both sides; columns 'JOINT.approach' state them"
@@ -43,23 +38,16 @@ INPUTS: dict[Input, NeededInput] = {
     "masses": NeededInput("masses", "state 'mass' and 'com' of every joint in the problem file"),
     "gear_ratio": NeededInput("gear ratio", "state 'gear_ratio' of every joint in the problem file"),
 }
-"""Key of an input -> its name and how to supply it."""
 
 
 @dataclass(frozen=True)
 class Limit:
-    """A cause that cannot be known from data of a kind.
+    """A cause that cannot be known from data of a kind."""
 
-    Args:
-        kind, target: of the cause.
-        reason: why not.
-        hint: what would show it.
-    """
-
-    kind: str
+    kind: str  # kind, target: of the cause
     target: str
-    reason: str
-    hint: str
+    reason: str  # why not
+    hint: str  # what would show it
 
     def to_json(self) -> dict[str, str]:
         """The entry of ``unknowable`` in ``diagnosis.json``."""
@@ -68,26 +56,18 @@ class Limit:
 
 @dataclass(frozen=True)
 class Evidence:
-    """What one robot's data are made of.
+    """What one robot's data are made of."""
 
-    Args:
-        positions: whether an instrument measured lengths, in place of touched points and planes.
-        lengths: names of the arm's lengths that the data could say something about.
-    """
-
-    positions: bool
-    lengths: tuple[str, ...]
+    positions: bool  # whether an instrument measured lengths, in place of touched points and planes
+    lengths: tuple[str, ...]  # names of the arm's lengths that the data could say something about
 
 
 class CatalogueEntry(Cause, Spec):
     """One kind of the catalogue at one target: an entry of ``effects:`` in a problem file."""
 
-    summary: ClassVar[str]
-    """One line for ``optimize-posture list``."""
-    shape_units: ClassVar[Mapping[str, str]] = {}
-    """SI units of the fields that have one."""
-    needs: ClassVar[frozenset[Input]] = frozenset()
-    """Inputs without which the effect cannot be seen."""
+    summary: ClassVar[str]  # One line for optimize-posture list
+    shape_units: ClassVar[Mapping[str, str]] = {}  # SI units of the fields that have one
+    needs: ClassVar[frozenset[Input]] = frozenset()  # Inputs without which the effect cannot be seen
 
     kind: str
 
@@ -110,16 +90,7 @@ class CatalogueEntry(Cause, Spec):
 
     @property
     @abstractmethod
-    def stated_size(self) -> str:
-        """The size that the entry states, with its unit."""
-
-    def planning_note(self, kept: bool) -> str:
-        """Whether a task is planned with it and why not; empty where it simply is.
-
-        Args:
-            kept: whether the file asks for it although it changes with time.
-        """
-        return ""
+    def stated_size(self) -> str: ...
 
     @classmethod
     def kind_name(cls) -> str:
@@ -127,11 +98,7 @@ class CatalogueEntry(Cause, Spec):
         return str(cls.model_fields["kind"].default)
 
     def check_robot(self, robot: Robot) -> None:
-        """Refuse a robot that lacks what the effect is about.
-
-        Raises:
-            BadValueError: no such joint or length, or one of another type.
-        """
+        """Refuse a robot that lacks what the effect is about."""
 
     @classmethod
     def unknowable(cls, evidence: Evidence) -> Limit | None:

@@ -17,51 +17,36 @@ from posture_opt.units import plus_minus, shown
 if TYPE_CHECKING:
     from posture_opt.robot.robot import Robot
 
+# What to measure where neither of two causes says it
 _ANY_MEASUREMENT = "measure postures in which the two predict different errors"
-"""What to measure where neither of two causes says it."""
 
 
 @dataclass(frozen=True)
 class Size:
-    """One size of a cause in words.
+    """One size of a cause in words."""
 
-    Args:
-        label: what it is, ``amplitude`` say.
-        text: the number with its unit and standard error.
-        more: explains the number; empty where nothing is to be explained.
-    """
-
-    label: str
-    text: str
-    more: str = ""
+    label: str  # what it is, amplitude say
+    text: str  # the number with its unit and standard error
+    more: str = ""  # explains the number; empty where nothing is to be explained
 
     def __str__(self) -> str:
         return f"{self.text}{self.more}"
 
 
-ROWS = "rows"
-"""Unit of a time where none is logged: rows are counted."""
+ROWS = "rows"  # Unit of a time where none is logged: rows are counted
 
 
 @dataclass(frozen=True, eq=False)
 class FittedSizes:
-    """What a fit says of one cause.
+    """What a fit says of one cause."""
 
-    Args:
-        values: parameter or shape -> (value, standard error, SI unit).
-        covariance: (k, k) of the linear parameters, where it is known [SI].
-        turn: least and largest turn of its joint in the data, where it turns one [rad].
-        rms: root mean square of that turn about its mean, with its standard error [rad].
-        span: range of that joint in the data [rad]; 0 where it is not known.
-        resolution: distance up to which its values do not tell two frequencies apart [cycles per revolution].
-    """
-
-    values: Mapping[str, tuple[float, float, str]]
-    covariance: Array | None = None
-    turn: tuple[float, float] | None = None
+    values: Mapping[str, tuple[float, float, str]]  # parameter or shape -> (value, standard error, SI unit)
+    covariance: Array | None = None  # (k, k) of the linear parameters, where it is known [SI]
+    turn: tuple[float, float] | None = None  # least and largest turn of its joint in the data, where it turns one [rad]
+    # root mean square of that turn about its mean, with its standard error [rad]
     rms: tuple[float, float] | None = None
-    span: float = 0.0
-    resolution: float = 0.0
+    span: float = 0.0  # range of that joint in the data [rad]; 0 where it is not known
+    resolution: float = 0.0  # distance up to which its values do not tell two frequencies apart [cycles per revolution]
 
     @property
     def timed(self) -> bool:
@@ -69,33 +54,23 @@ class FittedSizes:
         return all(unit != ROWS for _, _, unit in self.values.values())
 
     def entry(self, name: str) -> tuple[float, float]:
-        """Value and standard error [SI] of a parameter or a shape.
-
-        Raises:
-            KeyError: the fit has none of this name.
-        """
+        """Value and standard error [SI] of a parameter or a shape."""
         value, std, _ = self.values[name]
         return value, std
 
 
 class Cause:
-    """A named effect, a kind of noise, a geometric deviation or an unnamed component, at one target.
+    """A named effect, a kind of noise, a geometric deviation or an unnamed component, at one target. Subclasses have
+    ``kind`` and ``target``, the names in files."""
 
-    Subclasses have ``kind`` and ``target``, the names in files.
-    """
-
-    phrase: ClassVar[str] = ""
-    """What is wrong, in one clause; ``{target}`` stands for the target."""
-    measurement: ClassVar[str] = ""
-    """What to measure to see this cause by itself."""
-    inspection: ClassVar[str] = ""
-    """What to look at on the arm, or at the instrument; ``{target}`` stands for the target."""
+    phrase: ClassVar[str] = ""  # What is wrong, in one clause; {target} stands for the target
+    measurement: ClassVar[str] = ""  # What to measure to see this cause by itself
+    inspection: ClassVar[str] = ""  # What to look at on the arm, or at the instrument; {target} stands for the target
+    # Why it is looked at before the arm works on, {target} the target; empty where the arm can
     urgent: ClassVar[str] = ""
-    """Why it is looked at before the arm works on, ``{target}`` the target; empty where the arm can."""
-    decisive: ClassVar[bool] = False
-    """Whether that measurement discriminates it from any other cause."""
+    decisive: ClassVar[bool] = False  # Whether that measurement discriminates it from any other cause
+    # Kind that could be confused with it -> the measurement that discriminates the two; a pair needs one entry
     rivals: ClassVar[Mapping[str, str]] = {}
-    """Kind that could be confused with it -> the measurement that discriminates the two; a pair needs one entry."""
 
     if TYPE_CHECKING:
 
@@ -111,19 +86,11 @@ class Cause:
         return self.phrase.format(target=self.target)
 
     def worded(self, estimate: FittedSizes) -> str:
-        """The cause in one clause, as its fitted size has it; `words` where the size does not change them.
-
-        Args:
-            estimate: values and standard errors of its parameters and shapes.
-        """
+        """The cause in one clause, as its fitted size has it; `words` where the size does not change them."""
         return self.words
 
     def inspect(self, robot: Robot) -> str:
-        """What to look at on the arm, or at the instrument, in one line.
-
-        Args:
-            robot: the arm, whose gear ratios say which part turns how often.
-        """
+        """What to look at on the arm, or at the instrument, in one line."""
         return self.inspection.format(target=self.target)
 
     def inspect_fitted(self, robot: Robot, estimate: FittedSizes) -> str:
@@ -182,11 +149,7 @@ class Cause:
         return ""
 
     def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
-        """How large it is, the size that says most first.
-
-        Args:
-            estimate: values and standard errors of its parameters and shapes.
-        """
+        """How large it is, the size that says most first."""
         return ()
 
     def headline(self, estimate: FittedSizes) -> str:
@@ -195,10 +158,8 @@ class Cause:
         return sizes[0].text if sizes else ""
 
     def discrimination(self, rival: Cause) -> str:
-        """What to measure so that one of the two is refuted.
-
-        First what the pair says of each other, then a measurement that is decisive alone, then both measurements.
-        """
+        """What to measure so that one of the two is refuted. First what the pair says of each other, then a measurement
+        that is decisive alone, then both measurements."""
         if self.kind == rival.kind and self.moved_joint and rival.moved_joint:
             return f"move {self.moved_joint} while {rival.moved_joint} is at rest, and vice versa"
         pair = self.rivals.get(rival.kind) or rival.rivals.get(self.kind, "")
@@ -210,16 +171,8 @@ class Cause:
 
 
 def amplitude(sin: float, cos: float, covariance: Array | None) -> tuple[float, float]:
-    """``√(sin² + cos²)`` and its standard error, to first order.
-
-    Args:
-        sin, cos: the two coefficients [rad].
-        covariance: (2, 2) of them [rad²]; NaN as standard error where it is not known, or the vector is zero.
-
-    Example:
-        >>> amplitude(3.0, 4.0, np.eye(2))
-        (5.0, 1.0)
-    """
+    """``√(sin² + cos²)`` and its standard error, to first order. sin, cos: the two coefficients [rad]; covariance: (2,
+    2) of them [rad²]; NaN as standard error where it is not known, or the vector is zero."""
     size = math.hypot(sin, cos)
     if covariance is None or size == 0:
         return size, math.nan
@@ -229,12 +182,8 @@ def amplitude(sin: float, cos: float, covariance: Array | None) -> tuple[float, 
 
 
 def compliance_size(name: str, value: float, std: float) -> Size:
-    """A compliance [rad/(N m)] with the stiffness that it is the inverse of.
-
-    Args:
-        name: label of the size.
-        value, std: estimate and standard error [rad/(N m)]; the stiffness ``1/c`` has ``std/c²``.
-    """
+    """A compliance [rad/(N m)] with the stiffness that it is the inverse of. value, std: estimate and standard error
+    [rad/(N m)]; the stiffness ``1/c`` has ``std/c²``."""
     text = shown(value, "angle per torque", std)
     if value <= 0:
         return Size(name, text, " (negative, so that it represents something else)")
@@ -243,27 +192,15 @@ def compliance_size(name: str, value: float, std: float) -> Size:
 
 @dataclass(frozen=True, eq=False)
 class Abscissa:
-    """Values (N,) of one axis of a figure.
+    """Values (N,) of one axis of a figure."""
 
-    Args:
-        values: (N,) in the unit of the label.
-        label: quantity and unit.
-        side: (N,) side of approach −1 or +1 where the effect is one curve for each, 0 where it is not known.
-    """
-
-    values: Array
-    label: str
-    side: Array
+    values: Array  # (N,) in the unit of the label
+    label: str  # quantity and unit
+    side: Array  # (N,) side of approach −1 or +1 where the effect is one curve for each, 0 where it is not known
 
     @classmethod
     def of(cls, state: ArmState, values: Scalar, label: str, side: Scalar = 1.0) -> Abscissa:
-        """An axis of values that are the same in all rows, or one a row.
-
-        Args:
-            state: of N rows.
-            values, side: numbers or (N,).
-            label: quantity and unit.
-        """
+        """An axis of values that are the same in all rows, or one a row. values, side: numbers or (N,)."""
         n = len(np.atleast_1d(np.asarray(state.q[0])))
         return cls(_as_rows(values, n), label, _as_rows(side, n))
 
@@ -274,14 +211,7 @@ def _as_rows(values: Any, n: int) -> Array:
 
 
 def over_joint(state: ArmState, joint: int, note: str = "", side: Scalar = 1.0) -> Abscissa:
-    """The value of a joint, in degrees or millimetres.
-
-    Args:
-        state: of N rows.
-        joint: index.
-        note: behind the label.
-        side: (N,) where the effect is one curve for each side.
-    """
+    """The value of a joint, in degrees or millimetres. side: (N,) where the effect is one curve for each side."""
     of = state.robot.joints[joint]
     factor, unit = (math.degrees(1.0), "deg") if of.type == "revolute" else (1e3, "mm")
     return Abscissa.of(state, factor * np.asarray(state.q[joint]), f"{of.name} [{unit}]{note}", side)

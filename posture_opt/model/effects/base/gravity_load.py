@@ -14,8 +14,7 @@ from posture_opt.model.effects.base.cause import FittedSizes, Size, compliance_s
 from posture_opt.model.effects.base.effect import NOT_NEGATIVE, Effect, Excitation
 from posture_opt.units import number, shown
 
-PAYLOAD = "payload"
-"""The point of the payload whose mass is stated."""
+PAYLOAD = "payload"  # The point of the payload whose mass is stated
 
 
 class GravityLoaded(Effect):
@@ -27,8 +26,7 @@ class GravityLoaded(Effect):
     """
 
     parameters: ClassVar[tuple[tuple[str, str], ...]] = (("compliance", "angle per torque"),)
-    yields: ClassVar[str]
-    """What its size says in words: ``turns by`` of a joint, ``tilts by`` of a base."""
+    yields: ClassVar[str]  # What its size says in words: turns by of a joint, tilts by of a base
 
     loads: Literal["masses", "points"] = Field("masses", description="masses of the file, or unknown point masses")
     points: tuple[str, ...] = Field(
@@ -40,8 +38,7 @@ class GravityLoaded(Effect):
     @property
     def dimensions(self) -> tuple[tuple[str, str], ...]:
         """The compliance; or one product of compliance and mass for each point [rad kg/(N m)], of the payload again the
-        compliance.
-        """
+        compliance."""
         if self.loads == "masses":
             return self.parameters
         one = self.parameters[0]
@@ -71,13 +68,8 @@ class GravityLoaded(Effect):
 
     def moments(self, state: ArmState, carrier: int, about: Vector) -> list[Vector]:
         """The moment (3,) for each parameter, about a point (3,) [m], world: of all weights [N m], or of 1 kg at each
-        point [N m/kg], of the payload [N m].
-
-        Args:
-            state: the arm under its loads.
-            carrier: index of the joint behind which weights count; −1 counts every link.
-            about: the point [m], world.
-        """
+        point [N m/kg], of the payload [N m]. carrier: index of the joint behind which weights count; −1 counts every
+        link; about: the point [m], world."""
         if self.loads == "masses":
             return [state.moment(carrier, about)]
         weights = (scale(mass, state.robot.gravity) for mass, _ in self.masses(state))
@@ -95,11 +87,7 @@ class GravityLoaded(Effect):
 
     @classmethod
     def frames_of_load(cls, case: Excitation, first: int) -> tuple[str, ...]:
-        """Where masses may be: the payload, if it is stated and varies, the tool point, and frames behind joints.
-
-        Args:
-            first: index of the first of these joints; the last of them comes first.
-        """
+        """Where masses may be: the payload, if it is stated and varies, the tool point, and frames behind joints."""
         payload = (PAYLOAD,) if "payload" in case.inputs else ()
         return (*payload, "tool", *reversed(case.robot.joint_names[first:-1]))
 
@@ -121,10 +109,8 @@ class GravityLoaded(Effect):
         )
 
     def headline(self, estimate: FittedSizes) -> str:
-        """The compliance and the stiffness that it is the inverse of.
-
-        Of unknown loads the turn that it makes in the data, root mean square about its mean.
-        """
+        """The compliance and the stiffness that it is the inverse of. Of unknown loads the turn that it makes in the
+        data, root mean square about its mean."""
         if not self.unstated_loads:
             compliance = estimate.entry("compliance")[0]
             stiffness = f", {number(1e-3 / compliance)} kN m/rad" if compliance > 0 else ""

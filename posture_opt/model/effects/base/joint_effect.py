@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 from pydantic import Field
@@ -12,25 +12,20 @@ from pydantic import Field
 from posture_opt.errors import BadValueError
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar, cos, sin
+from posture_opt.model.effects.base.catalogue_entry import Input
 from posture_opt.model.effects.base.cause import Abscissa, FittedSizes, Size, amplitude, over_phase
 from posture_opt.model.effects.base.effect import Effect, Excitation, Sensitivity
+from posture_opt.model.effects.base.multiples import RotatingPart, rotating_parts
 from posture_opt.model.effects.base.plausible_range import PlausibleRange
-from posture_opt.model.effects.base.rotating_parts import RotatingPart, rotating_parts
 from posture_opt.numerics import TURN
 from posture_opt.robot.robot import Robot
 from posture_opt.units import Angle, fixed, shown
 
+# Amplitude [rad] up to which new gears err: positional accuracy of 1 to 2 arcmin, peak to peak, in the catalogue
 CATALOGUE_AMPLITUDE = 0.3e-3
-"""Amplitude [rad] up to which new gears err: positional accuracy of 1 to 2 arcmin, peak to peak, in the catalogue."""
+# Amplitude [rad] of one cycle per revolution up to which a disc or a gear may be off its centre: 60 µm at a radius of
+# 20 mm. In more cycles three times `CATALOGUE_AMPLITUDE`, of gears that are worn or badly aligned.
 _LARGEST_AMPLITUDE = 3e-3
-"""Amplitude [rad] of one cycle per revolution up to which a disc or a gear may be off its centre: 60 µm at a radius of
-20 mm. In more cycles three times `CATALOGUE_AMPLITUDE`, of gears that are worn or badly aligned."""
-_DISC_CYCLES = 2.0
-"""Cycles per revolution of what is off its centre, or oval or tilted."""
-_WHOLE_CYCLE_SHARE = 0.75
-"""Share of a cycle that a joint has to be moved over for the error to look like no other."""
-_WHOLE_CYCLES = 1e-9
-"""By how much a number of cycles per revolution may differ from a whole one: rounding."""
 
 
 class EffectOfJoint(Effect):
@@ -42,17 +37,14 @@ class EffectOfJoint(Effect):
 
     @property
     def target(self) -> str:
-        """The joint."""
         return self.joint
 
     @property
     def moved_joint(self) -> str:
-        """The joint."""
         return self.joint
 
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:
-        """One for every joint of its types that moves in the data, where the inputs that it needs are known."""
         return [cls.of_joint(name) for name in case.moving(*cls.types)] if cls.needs <= case.inputs else []
 
     @classmethod
@@ -61,11 +53,7 @@ class EffectOfJoint(Effect):
         return cls(joint=joint, **shape)
 
     def check_robot(self, robot: Robot) -> None:
-        """Refuse a joint that the robot lacks.
-
-        Raises:
-            BadValueError: no such joint, or one of another type.
-        """
+        """Refuse a joint that the robot lacks."""
         types = {j.name: j.type for j in robot.joints}
         if self.joint not in types:
             raise BadValueError(f"the robot has no joint '{self.joint}'", f"its joints: {', '.join(types)}")
@@ -79,12 +67,7 @@ class JointEffect(EffectOfJoint):
 
     @abstractmethod
     def features(self, state: ArmState, joint: int) -> tuple[Scalar, ...]:
-        """``φ_k`` of each parameter, in their order: numbers, arrays (N,) or CasADi expressions.
-
-        Args:
-            state: the arm and its inputs.
-            joint: index of the joint that errs.
-        """
+        """``φ_k`` of each parameter, in their order: numbers, arrays (N,) or CasADi expressions."""
 
     def sensitivities(self, state: ArmState) -> tuple[Sensitivity, ...]:
         """Each feature as an increment of the joint, per unit of its parameter."""
@@ -112,12 +95,12 @@ class Harmonic(JointEffect):
 
     @property
     def frequencies(self) -> tuple[float, ...]:
-        """Cycles per revolution of all its lines."""
         return (self.frequency,)
 
     def plausible(self, robot: Robot) -> PlausibleRange | None:
         """Up to `_LARGEST_AMPLITUDE` of one cycle and of two, and a third of it of more."""
-        high = _LARGEST_AMPLITUDE if self.frequency <= _DISC_CYCLES else _LARGEST_AMPLITUDE / 3
+        # Cycles per revolution of what is off its centre, or oval or tilted.
+        high = _LARGEST_AMPLITUDE if self.frequency <= 2.0 else _LARGEST_AMPLITUDE / 3
         needs = "a gear or an encoder that errs by more than any in a catalogue"
         return PlausibleRange(0.0, high, "angle", needs, "Harmonic Drive, catalogue CSF and CSG, positional accuracy")
 
@@ -132,10 +115,10 @@ class Harmonic(JointEffect):
         return rotating_parts(self.frequencies, ratios.get(self.joint, math.nan))
 
     def inspect_fitted(self, robot: Robot, estimate: FittedSizes) -> str:
-        """What to look at, first of all the rest of its cycle where the joint was moved over a part of it only."""
         cycle = TURN / self.frequency
         text = self.inspect(robot)
-        if not 0 < estimate.span < _WHOLE_CYCLE_SHARE * cycle:
+        # Share of a cycle that a joint has to be moved over for the error to look like no other.
+        if not 0 < estimate.span < 0.75 * cycle:
             return text
         moved, whole = (f"{math.degrees(angle):.0f}" for angle in (estimate.span, cycle))
         return (
@@ -146,10 +129,9 @@ class Harmonic(JointEffect):
     @property
     def valid_between(self) -> tuple[float, float] | None:
         """The measured range, unless the error repeats after a whole turn: then its phase is the same everywhere.
-
-        Cycles that are found from data have an error, and the phase is lost where it has added up.
-        """
-        repeats = all(abs(k - round(k)) < _WHOLE_CYCLES for k in self.frequencies)
+        Cycles that are found from data have an error, and the phase is lost where it has added up."""
+        # By how much a number of cycles per revolution may differ from a whole one: rounding.
+        repeats = all(abs(k - round(k)) < 1e-9 for k in self.frequencies)
         return None if repeats else self.measured_range
 
     @property
@@ -191,12 +173,60 @@ class Harmonic(JointEffect):
         return over_phase(state, self.index(state), self.frequency)
 
     def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
-        """Amplitude [mrad] and phase [deg], in place of sine and cosine: ``a sin x + b cos x = A sin(x +
-        phase)``.
-        """
+        """Amplitude [mrad] and phase [deg], in place of sine and cosine: ``a sin x + b cos x = A sin(x + phase)``."""
         (a, _), (b, _) = estimate.entry("sin"), estimate.entry("cos")
         size, std = amplitude(a, b, estimate.covariance)
         return (
             Size("amplitude", shown(size, "angle", std)),
             Size("phase", f"{fixed(math.degrees(math.atan2(b, a)), 0)} deg"),
         )
+
+
+REVERSED = "reversed"  # The first word of a label where the joint goes beyond its command
+
+
+class LostMotion(JointEffect):
+    """``dq = −θ s φ``: s = +1 where the joint value was increasing on arrival, −1 where it was decreasing; φ ≥ 0.
+
+    A positive size θ is lost motion: the joint stops short of its command, as play, elastic wind-up and friction make
+    it. A negative one goes beyond the command: what a controller that compensates friction by too much does, and what
+    an encoder before the gear reads while the arm is moved by hand, as the link leads then. Data show either, so both
+    signs are searched. Where s is not known it is 0.
+
+    Source: ISO 230-2:2014, 3.10 (reversal value): the difference between the means of both directions of approach.
+    """
+
+    # What is wrong where the size is negative, in one clause
+    beyond: ClassVar[str] = (
+        "{target} goes beyond its command, as with friction compensation, or an encoder before the gear of an arm that "
+        "is moved by hand"
+    )
+    # What to look at where the size is negative
+    beyond_inspection: ClassVar[str] = (
+        "if motors drove {target}: its friction or backlash compensation in the controller, and nothing is tightened; "
+        "if it was moved by hand, and its encoder is before the gear: play or stretch of gear, belt or cable"
+    )
+    needs: ClassVar[frozenset[Input]] = frozenset({"approach"})
+
+    def lag(self, state: ArmState, joint: int) -> Scalar:
+        """−s: the direction in which the joint is off its command where it stops short; 0 where it is not known."""
+        return -state.inputs.side(joint)
+
+    def worded(self, estimate: FittedSizes) -> str:
+        """The cause in one clause, by the sign of its size."""
+        return self.beyond.format(target=self.target) if self.leads(estimate) else self.words
+
+    def labelled(self, estimate: FittedSizes) -> str:
+        """Kind and joint; reversed where it goes beyond its command: what is done about play would be wrong."""
+        return f"{REVERSED} {self.label}" if self.leads(estimate) else self.label
+
+    def inspect_fitted(self, robot: Robot, estimate: FittedSizes) -> str:
+        if self.leads(estimate):
+            return self.beyond_inspection.format(target=self.target)
+        return self.inspect(robot)
+
+    def leads(self, estimate: FittedSizes) -> bool:
+        """Whether the joint goes beyond its command."""
+        ((name, _),) = self.parameters
+        values: Mapping[str, tuple[float, float, str]] = estimate.values
+        return name in values and values[name][0] < 0
