@@ -217,7 +217,8 @@ _STAY_NOTE = "the data hardly improve, so that they stay near nominal: {}"
 def size_notes(residuals: Residuals, held: int | None) -> tuple[str, ...]:
     """A sentence on what holds the size of an arm that the data leave open, and what would determine it."""
     kind = residuals.data.kind
-    if held is None and (kind.fixes_size or residuals.distances):
+    own = any(p.group == "geometry" for p in residuals.parameters)
+    if not own or (held is None and (kind.fixes_size or residuals.distances)):
         return ()
     by = _HELD_BY_LENGTHS if held is None else f"{residuals.parameters[held].name} is held"
     return (_SIZE_NOTE.format(kind.noun, by, kind.remedy),)

@@ -18,9 +18,9 @@ from posture_opt.selection.answer.selector import PostureSelector
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.program.task_target import TaskTarget, spin_axis
-from posture_opt.selection.search.batches import until_found_often
 from posture_opt.selection.search.engine import Engine
 from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE, TOLERANCE
+from posture_opt.selection.search.multistart import until_found_often
 from posture_opt.selection.search.search_outcome import DISTANCE_ROUNDING, is_clear
 from posture_opt.selection.tasks.custom import Custom
 from posture_opt.selection.tasks.workpiece import Direction

@@ -143,10 +143,10 @@ def incomplete_orientation(there: Container[str], robot: Robot, line: int, fault
 
 
 def orientation_of(
-    cells: Cells, columns: dict[str, Column], robot: Robot, spec: DataSpec, faults: Faults
+    cells: Cells, columns: dict[str, Column], robot: Robot, spec: DataSpec, faults: Faults, prefix: str = ""
 ) -> OrientationColumns | None:
     """The columns of the orientation, checked; ``None`` without such columns."""
-    found = next(((key, group) for key, group in groups_of(robot).items() if group[0] in columns), None)
+    found = next(((key, group) for key, group in groups_of(robot, prefix).items() if group[0] in columns), None)
     if found is None:
         return None
     key, names = found

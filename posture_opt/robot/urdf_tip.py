@@ -59,13 +59,12 @@ def _tip_options(tree: UrdfTree, base: str) -> list[str]:
     paths = {leaf: tree.path(base, leaf) for leaf in tree.leaves(base)}
     fixed = [leaf for leaf, path in paths.items() if path and path[-1].type == "fixed"]
     moving = [leaf for leaf in paths if leaf not in fixed]
-    # The parent link of the last moving joint before each leaf.
-    carriers = {leaf: (tree.moving(base, leaf) or [None])[-1] for leaf in moving}
-    carrier_links = {leaf: joint.parent if joint else base for leaf, joint in carriers.items()}
-    between = [link for link in dict.fromkeys(carrier_links.values()) if link != base and link not in paths]
+    joints = {leaf: tree.moving(base, leaf) for leaf in moving}
+    carriers = {leaf: path[-1].parent if path else base for leaf, path in joints.items()}  # of what moves the leaf
+    between = [link for link in dict.fromkeys(carriers.values()) if link != base and link not in paths]
     words = {link: _chain_words(tree.moving(base, link)) for link in (*paths, *between)}
     for link in between:
-        words[link] += f", carries {', '.join(leaf for leaf in moving if carrier_links[leaf] == link)}"
+        words[link] += f", carries {', '.join(leaf for leaf in moving if carriers[leaf] == link)}"
     return [f"{link} ({words[link]})" for link in (*fixed, *between, *moving)]
 
 

@@ -53,7 +53,8 @@ class DaskWorkers(Workers):
             hint = "start it again; what a --checkpoint holds is not lost"
             raise InputError(Issue(f"the workers were lost ({type(error).__name__})", _OPTION, hint=hint)) from error
         finally:
-            self._client.cancel(list(running))
+            with suppress(dask.client.ClosedClientError):  # a scheduler that is gone has nothing to cancel
+                self._client.cancel(list(running))
 
     def _submitted_part(
         self, running: dict[DaskFuture, int], part: Part[S, T, R], shared: S, item: T, k: int

@@ -56,8 +56,8 @@ def arm_and_data(problem: ProblemData, data: Measurements) -> tuple[Residuals, t
     data = counted(given, further)
     if data is not given:
         notes.append(NO_ORIENTATION_NOTE)
-    if data.kind.fixed_to_base:
-        offset = problem.robot.factors[problem.robot.driven[0]].parameter
+    offset = problem.robot.factors[problem.robot.driven[0]].parameter
+    if data.kind.fixed_to_base and offset:
         moved = f"it moves arm and {data.kind.place_noun} together"
         notes.append(f"{data.kind.noun} say nothing of {offset} and what lies before it: {moved}")
     parameters = unknown_parameters(problem, data)

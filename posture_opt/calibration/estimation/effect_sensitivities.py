@@ -26,7 +26,7 @@ def case_of(data: Measurements, robot: Robot) -> Excitation:
     sided = np.mean(np.any(data.approach != 0, axis=1)) > 0.5 and len(np.unique(np.sign(data.approach))) > 1
     shown = {"time": len(data) > 1, "approach": sided, "masses": state.weighed, "speed": len(state.inputs.speed)}
     known |= {name for name, can in shown.items() if can}
-    span = tuple(float(v) for v in np.ptp(data.q, axis=0))
+    span = tuple(float(v) * (not robot.pose_prefix) for v in np.ptp(data.q, axis=0))  # a flange has no joints that err
     times = np.asarray(state.inputs.time, dtype=float)
     oriented = data.kind.oriented or len(np.unique(data.target)) > 1
     duration = float(np.ptp(times))

@@ -65,7 +65,7 @@ def plot_comparison(found: Comparison) -> Figure:
         frame_target(axes, station.task_spread, B, half * scale, unit)
         if not found.reference:
             axes.set_title(f"predicted by {judge}")
-    legend(figure, beside=found.reference)
+    legend(figure, beside=bool(found.reference))
     return figure
 
 

@@ -32,8 +32,7 @@ from posture_opt.selection.problem_data import ProblemData, with_fallbacks
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.registered_tasks import part_words
-from posture_opt.selection.search.confirmation import UNCONFIRMED_JSON, Confirmation, joined_confirmation
-from posture_opt.selection.search.engine import Engine
+from posture_opt.selection.search.engine import UNCONFIRMED_JSON, Confirmation, Engine, joined_confirmation
 from posture_opt.selection.search.search_outcome import confirmed as confirmed_posture
 from posture_opt.statements import Quantity, Statement, state
 from posture_opt.statements.notation import place

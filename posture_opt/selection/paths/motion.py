@@ -19,8 +19,7 @@ from posture_opt.selection.paths.joint_steps import JointSteps
 from posture_opt.selection.paths.path_candidates import held
 from posture_opt.selection.paths.task_path import TaskPath, between, stacked
 from posture_opt.selection.program.task_target import TaskTarget
-from posture_opt.selection.search.confirmation import Confirmation
-from posture_opt.selection.search.engine import Engine
+from posture_opt.selection.search.engine import Confirmation, Engine
 from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE, TOLERANCE
 from posture_opt.selection.search.search_outcome import is_clear
 

@@ -28,8 +28,7 @@ from posture_opt.selection.paths.path_candidates import PathCandidates, held
 from posture_opt.selection.paths.task_path import TaskPath
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.program.task_target import TaskTarget
-from posture_opt.selection.search.confirmation import Confirmation
-from posture_opt.selection.search.engine import Engine
+from posture_opt.selection.search.engine import Confirmation, Engine
 from posture_opt.selection.search.multistart import as_good
 from posture_opt.selection.stations.stations_problem import (
     BARRIER,

@@ -13,8 +13,7 @@ import numpy as np
 
 from posture_opt.errors import InputError, Issue, NoSolutionError
 from posture_opt.numerics import Array, DerivedAgain, Progress
-from posture_opt.selection.answer.infeasible import infeasible
-from posture_opt.selection.answer.infeasible_stations import explain_stations
+from posture_opt.selection.answer.infeasible import explain_stations, infeasible
 from posture_opt.selection.answer.placement import Placement, PlacementFigure, PlacementRange
 from posture_opt.selection.answer.selector import PostureSelector, task_of
 from posture_opt.selection.answer.solution import Solution
@@ -28,9 +27,8 @@ from posture_opt.selection.paths.path_candidates import PathCandidates, find_can
 from posture_opt.selection.paths.task_path import TaskPath
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.program.task_target import TaskTarget
-from posture_opt.selection.search.batches import usual_starts
 from posture_opt.selection.search.engine import Engine
-from posture_opt.selection.search.multistart import Sampled, multistart
+from posture_opt.selection.search.multistart import Sampled, multistart, usual_starts
 from posture_opt.selection.search.relaxation import Change, Reason, with_changes
 from posture_opt.selection.search.search_outcome import SearchStatistics
 from posture_opt.selection.stations.placed_stations import PlacedStations

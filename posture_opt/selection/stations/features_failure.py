@@ -13,14 +13,12 @@ import numpy as np
 from posture_opt.collision.cell import base_frame
 from posture_opt.errors import NoSolutionError
 from posture_opt.numerics import Array, Json
-from posture_opt.selection.answer.infeasible import SEARCH, first_that_does, words_of
-from posture_opt.selection.answer.infeasible_stations import explain_stations
+from posture_opt.selection.answer.infeasible import SEARCH, explain_stations, first_that_does, words_of
 from posture_opt.selection.answer.placement import COORDINATES, PlacementRange, PlacementStatistics
 from posture_opt.selection.answer.selector import PostureSelector
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.problem_data import ProblemData
-from posture_opt.selection.search.batches import usual_starts
-from posture_opt.selection.search.multistart import multistart
+from posture_opt.selection.search.multistart import multistart, usual_starts
 from posture_opt.selection.search.relaxation import (
     Change,
     ChangedValue,

@@ -12,11 +12,17 @@ import numpy as np
 
 from posture_opt.errors import InputError, Issue, NoSolutionError
 from posture_opt.numerics import Array, Progress
-from posture_opt.selection.answer.placement import PlacementFigure, PlacementRange, PlacementStatistics
+from posture_opt.selection.answer.placement import (
+    PlacementFigure,
+    PlacementRange,
+    PlacementStatistics,
+    best_order,
+    nearest_ties,
+    nearest_turns,
+)
 from posture_opt.selection.answer.selector import PostureSelector
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.answer.target_answer import Status, critical_basis
-from posture_opt.selection.answer.visiting_order import best_order, nearest_ties, nearest_turns
 from posture_opt.selection.problem_data import ProblemData, with_fallbacks
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.search_outcome import confirmed, is_clear

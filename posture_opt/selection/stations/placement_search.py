@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from posture_opt.numerics import Array, Progress
-from posture_opt.selection.search.batches import independent_batches, recurrences
+from posture_opt.selection.search.multistart import independent_batches, recurrences
 from posture_opt.selection.stations.placed_stations import PlacedStations, Postures
 from posture_opt.selection.stations.stations_problem import StationsOutcome, StationsPoint
 

@@ -62,9 +62,7 @@ class Excitation:
     contact: bool = False  # whether the tool touches what is measured, and no instrument looks at it
 
     def moving(self, *types: str) -> tuple[str, ...]:
-        """Names of the joints of these types that move in the data; none of a flange without an arm."""
-        if self.robot.pose_prefix:
-            return ()
+        """Names of the joints of these types that move in the data."""
         return tuple(
             j.name for j, span in zip(self.robot.joints, self.span, strict=True) if j.type in types and span > 1e-6
         )
