@@ -35,7 +35,6 @@ from posture_opt.validation.coverage import REGION_PROBABILITY, share_interval, 
 from posture_opt.validation.spread_check import held_out_predictions
 
 _ROBOTS_FOR_CORRELATIONS = 10  # robots: with fewer, a correlation is hardly determined
-_MAX_NAMED = 4  # parameters in a sentence
 MIN_ROBOTS = 3  # robots: with two, a standard deviation is known to within a factor of thirty
 
 
@@ -195,8 +194,8 @@ def batch_findings(found: Batch) -> Iterator[Statement]:
 
 
 def _first(names: Sequence[str]) -> list[str]:
-    more = len(names) - _MAX_NAMED
-    return [*names[:_MAX_NAMED], f"{more} more"] if more > 1 else [*names]
+    more = len(names) - 4
+    return [*names[:4], f"{more} more"] if more > 1 else [*names]
 
 
 @interruptible()
@@ -242,7 +241,13 @@ def calibrate_batch(
     _check_batch(problem, data)
     total, data = len(data), thin_each_robot(data, most_rows)
     rows = tuple(np.flatnonzero(data.robot == code) for code in range(len(data.robot_names)))
-    calibrations = tuple(_calibrate_each(_without_geometry(problem), data, rows, folds, by, progress))
+    bare, found = _without_geometry(problem), list[Calibration]()
+    for mine, name in zip(rows, data.robot_names, strict=True):
+        own = replace(data.take(mine), robot=np.zeros(len(mine), dtype=np.intp), robot_names=(name,))
+        found.append(_calibrate_one(bare, own, folds, by))
+        if progress is not None:
+            progress(len(found), len(rows))
+    calibrations = tuple(found)
     parameters, undetermined = _determined_by_all(calibrations)
     index = {p.name: i for i, p in enumerate(calibrations[0].parameters)}
     columns = [index[p.name] for p in parameters]
@@ -250,6 +255,8 @@ def calibrate_batch(
     errors = np.array([c.covariance[np.ix_(columns, columns)] for c in calibrations])
     spread = covariance_between_robots(estimates, errors)
     robots = np.repeat(np.arange(len(rows)), [len(c.kept_rows) for c in calibrations])
+    thinned = f"{len(data)} of {total} rows were fitted, as many of each robot: --rows takes more"
+    notes = [*[thinned] * (len(data) < total), *(note for c in calibrations for note in c.notes)]
     return Batch(
         problem=problem,
         data=data,
@@ -265,15 +272,9 @@ def calibrate_batch(
         nominal=Statistics.of(_kept_errors(calibrations, [c.errors_nominal for c in calibrations]), robots),
         calibrated=Statistics.of(_kept_errors(calibrations, [c.errors for c in calibrations]), robots),
         coverage=_batch_coverage(problem, calibrations, folds),
-        notes=tuple(
-            dict.fromkeys((*_thinning_notes(total, len(data)), *(note for c in calibrations for note in c.notes)))
-        ),
+        notes=tuple(dict.fromkeys(notes)),
         total=total,
     )
-
-
-def _thinning_notes(total: int, used: int) -> tuple[str, ...]:
-    return (f"{used} of {total} rows were fitted, as many of each robot: --rows takes more",) * (used < total)
 
 
 def _kept_errors(calibrations: tuple[Calibration, ...], errors: list[Array]) -> Array:
@@ -299,26 +300,8 @@ def _check_batch(problem: ProblemData, data: Measurements) -> None:
         )
 
 
-def _calibrate_each(
-    problem: ProblemData,
-    data: Measurements,
-    rows: Sequence[Codes],
-    folds: int,
-    by: By | None,
-    progress: Progress | None,
-) -> Iterator[Calibration]:
-    for code, mine in enumerate(rows):
-        yield _calibrate_one(problem, data, mine, code, folds, by)
-        if progress is not None:
-            progress(code + 1, len(rows))
-
-
-def _calibrate_one(
-    problem: ProblemData, data: Measurements, rows: Codes, code: int, folds: int, by: By | None
-) -> Calibration:
-    name = data.robot_names[code]
-    mine = data.take(rows)
-    own = replace(mine, robot=np.zeros(len(rows), dtype=np.intp), robot_names=(name,))
+def _calibrate_one(problem: ProblemData, own: Measurements, folds: int, by: By | None) -> Calibration:
+    (name,) = own.robot_names
     try:
         return calibrate(problem, own, folds=folds, by=by)
     except InsufficientDataError as error:

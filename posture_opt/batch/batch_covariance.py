@@ -19,7 +19,6 @@ from posture_opt.uncertainty.regions.regions import NORMAL95
 from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.validation.model_errors import holm_rejections
 
-_MAX_EM_STEPS = 1000  # of EM; a batch that varies less than its members are known to needs the most
 _COVARIANCE_TOLERANCE = 1e-6  # of a scaled covariance
 
 
@@ -92,7 +91,7 @@ def _restricted_maximum(x: Array, S: Array) -> tuple[Array, Array, Array]:
     """Ω (k, k) of greatest restricted likelihood, the mean μ (k,), and the covariance (k, k) of μ."""
     # x: (R, k) estimates; S: (R, k, k) their covariances, both in scaled units
     omega = np.atleast_2d(np.cov(x, rowvar=False)) + 1e-6 * np.eye(x.shape[1])
-    for _ in range(_MAX_EM_STEPS):
+    for _ in range(1000):  # a batch that varies less than its members are known to needs the most
         W = np.linalg.inv(omega + S)
         mean_covariance = np.linalg.inv(W.sum(axis=0))
         mean = mean_covariance @ np.einsum("rij,rj->i", W, x)

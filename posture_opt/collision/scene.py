@@ -29,9 +29,8 @@ from posture_opt.collision.pairs import (
 from posture_opt.collision.placed_capsules import PlacedCapsules
 from posture_opt.collision.smooth_bounds import segment_bound, soft_minimum
 from posture_opt.numerics import Array
-from posture_opt.robot.link_capsules import stand_in, tool_capsule, tool_radius
-from posture_opt.robot.robot import Robot
-from posture_opt.robot.shape import TOOL, Capsule
+from posture_opt.robot.robot import TOOL, Capsule, Robot
+from posture_opt.robot.shape_section import stand_in, tool_capsule, tool_radius
 from posture_opt.statements import Quantity, Statement, state
 
 SELF_CLEARANCE_ROW = "clearance of the arm to itself"

@@ -23,7 +23,7 @@ from posture_opt.errors import NoSolutionError
 from posture_opt.interrupts import interruptible
 from posture_opt.measurements.table import TableLike
 from posture_opt.model.arm import Arm
-from posture_opt.model.reach_bound import stretched
+from posture_opt.model.chain import stretched
 from posture_opt.numerics import Array, Mask
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.program.optimisation_problem import with_held_joints

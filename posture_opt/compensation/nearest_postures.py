@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from posture_opt.model.arm import Arm
-from posture_opt.model.reach_bound import stretched
+from posture_opt.model.chain import stretched
 from posture_opt.numerics import Array, Mask
 from posture_opt.robot.posture import drawn_between
 from posture_opt.robot.robot import Robot

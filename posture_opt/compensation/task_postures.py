@@ -10,7 +10,7 @@ import numpy as np
 
 from posture_opt.collision.scene import Scene
 from posture_opt.errors import NoSolutionError
-from posture_opt.model.reach_bound import stretched
+from posture_opt.model.chain import stretched
 from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.robot.posture import drawn_between
 from posture_opt.selection.answer.other_postures import configurations

@@ -25,7 +25,6 @@ from posture_opt.units import parse_quantity
 INSTALL = "pip install 'posture_opt[camera]'"  # What brings OpenCV
 EXAMPLES = "chessboard:8x6:25mm, charuco:5x7:30mm:22mm or grid:8x6:25mm"
 DICTIONARY = "5X5_1000"  # Of ArUco marks, where none is named
-_MAX_BYTES = 200_000_000
 _IMAGE_COLUMN = "image"
 
 
@@ -73,14 +72,16 @@ def opencv() -> Any:
         raise InputError(Issue(message, hint=f"install it: {INSTALL}")) from None
 
 
-def _chessboard(cv2: Any, picture: Array, board: Board) -> tuple[Codes, Array]:
-    flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
-    found, corners = cv2.findChessboardCornersSB(picture, (board.columns, board.rows), flags=flags)
-    return _all_or_none(found, corners)
-
-
-def _circles(cv2: Any, picture: Array, board: Board) -> tuple[Codes, Array]:
-    return _all_or_none(*cv2.findCirclesGrid(picture, (board.columns, board.rows)))
+def _regular(cv2: Any, picture: Array, board: Board) -> tuple[Codes, Array]:
+    """Inner corners of a chessboard, or centres of circles, counted row by row: all or none."""
+    size = board.columns, board.rows
+    if board.kind == "chessboard":
+        flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
+        found, corners = cv2.findChessboardCornersSB(picture, size, flags=flags)
+    else:
+        found, corners = cv2.findCirclesGrid(picture, size)
+    points = np.asarray(corners, dtype=float).reshape(-1, 2) if found else np.zeros((0, 2))
+    return np.arange(len(points)), points
 
 
 def _charuco(cv2: Any, picture: Array, board: Board) -> tuple[Codes, Array]:
@@ -96,16 +97,11 @@ def _charuco(cv2: Any, picture: Array, board: Board) -> tuple[Codes, Array]:
     printed = cv2.aruco.CharucoBoard((board.columns, board.rows), board.square, board.mark, marks)
     corners, numbers, _, _ = cv2.aruco.CharucoDetector(printed).detectBoard(picture)
     if numbers is None or not len(numbers):
-        return _all_or_none(False, None)
+        return np.zeros(0, dtype=np.intp), np.zeros((0, 2))
     return np.asarray(numbers, dtype=np.intp).ravel(), np.asarray(corners, dtype=float).reshape(-1, 2)
 
 
-def _all_or_none(found: bool, corners: Any) -> tuple[Codes, Array]:
-    points = np.asarray(corners, dtype=float).reshape(-1, 2) if found else np.zeros((0, 2))
-    return np.arange(len(points)), points
-
-
-_FINDERS = {"chessboard": _chessboard, "charuco": _charuco, "grid": _circles}
+_FINDERS = {"chessboard": _regular, "charuco": _charuco, "grid": _regular}
 
 
 @dataclass(frozen=True)
@@ -157,7 +153,7 @@ def _check_names(names: Sequence[str], known: Container[str], joints: Path) -> N
 
 def _picture(image: Path) -> Array:
     try:
-        data = content(image, _MAX_BYTES)
+        data = content(image, 200_000_000)
     except InputError as error:
         raise naming(image, error) from None
     return picture_of(data, image)

@@ -17,8 +17,6 @@ from posture_opt.units import Length, Pixels
 # What of a camera can be unknown beside its pose: the share by which its focal lengths are longer [1], the shift of
 # its principal point in focal lengths [1], and what is added to its distortion [1]
 INTRINSICS = ("focal_length", "c_x", "c_y", "k1", "k2", "p1", "p2")
-_UNDISTORTING_ROUNDS = 30  # Of a fixed-point iteration; some ten suffice at usual lenses
-_LEAST_DEPTH_M = 1e-6  # A point nearer to the plane of the lens has no picture
 
 
 @dataclass(frozen=True)
@@ -39,7 +37,7 @@ class Intrinsics:
         """(N, 2) the points ``(x', y')`` at a depth of one whose pictures are the pixels (N, 2), by iteration."""
         distorted = (pixels - self.centre) / self.focal
         found = distorted.copy()
-        for _ in range(_UNDISTORTING_ROUNDS):
+        for _ in range(30):  # some ten suffice at usual lenses
             radial, tangential, _ = _distortion(found, np.array(self.distortion)[:, None])
             found = (distorted - tangential) / radial[:, None]
         return np.asarray(found)
@@ -66,7 +64,7 @@ def projected(points: Array, rows: Array, unknowns: Array) -> Picture:
     # ``x' = x/z``, ``x'' = x' (1 + k1 r² + k2 r⁴ + k3 r⁶) + 2 p1 x'y' + p2 (r² + 2x'²)``, likewise ``y''``
     # points: (N, 3) in the frame of the camera [m], z along its axis; rows: (N, 9) of `Intrinsics.row`; unknowns: (N,
     # 7) of `INTRINSICS`
-    depth = np.where(np.abs(points[:, 2]) < _LEAST_DEPTH_M, _LEAST_DEPTH_M, points[:, 2])
+    depth = np.where(np.abs(points[:, 2]) < 1e-6, 1e-6, points[:, 2])  # nearer, a point has no picture
     flat = points[:, :2] / depth[:, None]
     f0, k = rows[:, :2], rows[:, 4:].T.copy()
     k[:4] += unknowns[:, 3:].T
@@ -74,24 +72,19 @@ def projected(points: Array, rows: Array, unknowns: Array) -> Picture:
     radial, tangential, slope = _distortion(flat, k)
     bent = flat * radial[:, None] + tangential
     by_flat = f[:, :, None] * slope
-    by_point = np.empty((len(points), 2, 3))
-    by_point[:, :, :2] = by_flat / depth[:, None, None]
-    by_point[:, :, 2] = -np.einsum("nij,nj->ni", by_flat, flat) / depth[:, None]
+    last = -np.einsum("nij,nj->ni", by_flat, flat) / depth[:, None]
+    by_point = np.concatenate([by_flat / depth[:, None, None], last[:, :, None]], axis=2)
     pixels = f * bent + rows[:, 2:4] + f0 * unknowns[:, 1:3]
-    return Picture(pixels, by_point, _by_intrinsics(flat, bent, f0, f))
-
-
-def _by_intrinsics(flat: Array, bent: Array, f0: Array, f: Array) -> Array:
-    """(N, 2, 7) derivatives of pixels by the unknowns of `INTRINSICS`."""
-    x, y = flat.T
-    square = x**2 + y**2
-    found = np.zeros((len(flat), 2, len(INTRINSICS)))
-    found[:, :, 0] = f0 * bent
-    found[:, 0, 1], found[:, 1, 2] = f0.T
-    found[:, :, 3], found[:, :, 4] = f * flat * square[:, None], f * flat * square[:, None] ** 2
-    found[:, :, 5] = f * np.stack([2 * x * y, square + 2 * y**2], axis=1)
-    found[:, :, 6] = f * np.stack([square + 2 * x**2, 2 * x * y], axis=1)
-    return found
+    # By the focal length, the principal point, k1, k2, p1 and p2
+    (x, y), square = flat.T, np.sum(flat**2, axis=1)
+    by_intrinsics = np.zeros((len(flat), 2, len(INTRINSICS)))
+    by_intrinsics[:, :, 0] = f0 * bent
+    by_intrinsics[:, 0, 1], by_intrinsics[:, 1, 2] = f0.T
+    by_intrinsics[:, :, 3] = f * flat * square[:, None]
+    by_intrinsics[:, :, 4] = f * flat * square[:, None] ** 2
+    by_intrinsics[:, :, 5] = f * np.stack([2 * x * y, square + 2 * y**2], axis=1)
+    by_intrinsics[:, :, 6] = f * np.stack([square + 2 * x**2, 2 * x * y], axis=1)
+    return Picture(pixels, by_point, by_intrinsics)
 
 
 def _distortion(flat: Array, k: Array) -> tuple[Array, Array, Array]:

@@ -18,7 +18,6 @@ from posture_opt.model.effects import CatalogueEntry, Effect, NoiseEffect
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.tasks import Task
-from posture_opt.selection.terms import Term
 from posture_opt.uncertainty.sources.covariance_file import read_covariance
 from posture_opt.uncertainty.sources.sources import Sources, covariance_issues
 from posture_opt.uncertainty.sources.uncertainty_section import MeasurementSpec
@@ -87,7 +86,11 @@ def noisy_sources(sources: Sources, robot: Robot, effects: Sequence[CatalogueEnt
             if fault is not None:
                 issues.append(replace(fault, key=("effects", index), value=effect.name))
                 continue
-            sources = _correlated(sources, a, b, rho)
+            i, j = sources.names.index(a), sources.names.index(b)
+            covariance, variance = sources.covariance.copy(), sources.constant
+            covariance[i, j] += rho * (variance[i, i] * variance[j, j]) ** 0.5
+            covariance[j, i] = covariance[i, j]
+            sources = replace(sources, covariance=covariance)
             contradictions = covariance_issues(sources.names, sources.constant)
             issues += [replace(issue, key=("effects", index), value=effect.name) for issue in contradictions]
     if issues:
@@ -116,12 +119,11 @@ def of_a_type(effect: CatalogueEntry) -> TypeGuard[NoiseEffect]:
 def _task_issues(robot: Robot, task: Task | None) -> list[Issue]:
     if task is None:
         return []
+    joints = robot.joint_names
     issues = [
-        Issue(
-            "the robot has no such joint", ("task", "approach", name), name, one_of(name, robot.joint_names, "joints")
-        )
+        Issue("the robot has no such joint", ("task", "approach", name), name, one_of(name, joints, "joints"))
         for name in task.approach
-        if name not in robot.joint_names
+        if name not in joints
     ]
     for place, terms in (("minimize", task.minimize), ("subject_to", task.subject_to)):
         said: dict[tuple[str, ...], int] = {}
@@ -130,24 +132,20 @@ def _task_issues(robot: Robot, task: Task | None) -> list[Issue]:
                 term.check(robot)
                 if place == "minimize" and term.held(robot):
                     raise BadValueError(f"{term.kind} is no quantity to minimise", "move it to subject_to")
-                _check_said_once(term, said, place)
+                for subject in term.subjects:
+                    if subject in said:
+                        first = f"{place}[{said[subject]}]"
+                        message = f"{term.subjects[subject]} is stated twice, first in {first}"
+                        raise BadValueError(message, "keep one of the two")
             except BadValueError as error:
                 issues.append(error.issue(("task", place, index), term.kind))
             said |= dict.fromkeys(term.subjects, index)
     return issues
 
 
-def _check_said_once(term: Term, said: Mapping[tuple[str, ...], int], place: str) -> None:
-    for subject, words in term.subjects.items():
-        if subject in said:
-            raise BadValueError(f"{words} is stated twice, first in {place}[{said[subject]}]", "keep one of the two")
-
-
 def _check_masses(robot: Robot, effect: CatalogueEntry) -> None:
-    if (
-        any("masses" in moving.asks for moving in moving_effects([effect]))
-        and not ArmState(robot, [0.0] * robot.n).weighed
-    ):
+    asked = any("masses" in moving.asks for moving in moving_effects([effect]))
+    if asked and not ArmState(robot, [0.0] * robot.n).weighed:
         message = "masses or centres of mass of some links are not stated"
         raise BadValueError(message, "add mass and com to the joints")
 
@@ -174,12 +172,3 @@ def _pair_fault(sources: Sources, a: str, b: str) -> Issue | None:
     if sources.constant[at[a], at[b]] != 0:
         return Issue(f"the correlation of {a} and {b} is stated twice", hint="keep one, here or under uncertainty")
     return None
-
-
-def _correlated(sources: Sources, a: str, b: str, rho: float) -> Sources:
-    """The sources with ``ρ σ_a σ_b`` added to the covariance of a and b."""
-    i, j = sources.names.index(a), sources.names.index(b)
-    covariance = sources.covariance.copy()
-    variance = sources.constant
-    covariance[i, j] = covariance[j, i] = sources.covariance[i, j] + rho * (variance[i, i] * variance[j, j]) ** 0.5
-    return replace(sources, covariance=covariance)

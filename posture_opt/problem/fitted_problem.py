@@ -21,9 +21,6 @@ from posture_opt.robot.robot import Factor
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.validation.prediction import joint_errors
 
-_MIN_EIGENVALUE = (
-    1e-3  # eigenvalue of the correlations that are written: rounded to three digits they stay positive definite
-)
 _KEPT_KEYS = ("scatter", "repeatability", "weights", "measurement", *WORKPIECE_KEYS)
 
 
@@ -99,7 +96,13 @@ def batch_uncertainty(problem: ProblemData, batch: Batch) -> Section:
     if "repeatability" in kept and set(sigma) & set(joint_errors(problem.robot)):
         # With a σ of a joint's value the file takes scatter in place of a repeatability: the same, joint by joint.
         rest = ("measurement", *WORKPIECE_KEYS)
-        kept = {"scatter": _scatter(problem)} | {key: kept[key] for key in rest if key in kept}
+        variances = np.diag(problem.sources.scatter)
+        scatter = {
+            name: _text(math.sqrt(v), parameters[name])
+            for name, v in zip(problem.sources.names, variances, strict=True)
+            if v > 0
+        }
+        kept = {"scatter": scatter} | {key: kept[key] for key in rest if key in kept}
     return {"sigma": texts, **({"correlation": pairs} if pairs else {}), **kept}
 
 
@@ -165,15 +168,6 @@ def _doubts(problem: ProblemData, batch: Batch) -> list[str]:
     ]
 
 
-def _scatter(problem: ProblemData) -> dict[str, str]:
-    variances, parameters = np.diag(problem.sources.scatter), problem.robot.parameters
-    return {
-        name: _text(math.sqrt(v), parameters[name])
-        for name, v in zip(problem.sources.names, variances, strict=True)
-        if v > 0
-    }
-
-
 def _stated(problem: ProblemData) -> dict[str, float]:
     """Standard deviation [rad or m] of every source that the file states as constant."""
     sources = problem.sources
@@ -185,17 +179,14 @@ def _definite(names: list[str], rho: dict[tuple[str, str], float]) -> dict[tuple
     share = 1.0
     while True:
         rounded = {pair: round(share * r, 3) for pair, r in rho.items()}
-        if _smallest(names, rounded) >= _MIN_EIGENVALUE:
+        matrix: Array = np.eye(len(names))
+        for (a, b), r in rounded.items():
+            i, j = names.index(a), names.index(b)
+            matrix[i, j] = matrix[j, i] = r
+        # Rounded to three digits, correlations with eigenvalues of a thousandth stay positive definite.
+        if not names or np.linalg.eigvalsh(matrix)[0] >= 1e-3:
             return rounded
         share *= 0.98
-
-
-def _smallest(names: list[str], rho: dict[tuple[str, str], float]) -> float:
-    matrix: Array = np.eye(len(names))
-    for (a, b), r in rho.items():
-        i, j = names.index(a), names.index(b)
-        matrix[i, j] = matrix[j, i] = r
-    return float(np.linalg.eigvalsh(matrix)[0]) if names else 1.0
 
 
 def _text(value: float, factor: Factor) -> str:

@@ -137,14 +137,13 @@ def fitted_effects(former: Sequence[CatalogueEntry], fit: FittedArm) -> tuple[Ca
     for noise in fit.noises:
         stated = effects.get(noise.name)
         effects[noise.name] = stated.joined(noise) if isinstance(stated, NoiseEffect) else noise
-    return tuple(_under_covariance(effect, fit) for effect in effects.values())
-
-
-def _under_covariance(effect: CatalogueEntry, fit: FittedArm) -> CatalogueEntry:
-    if isinstance(effect, Effect):
-        own = fit.known is not None and bool(set(effect.parameter_names) & set(fit.known.names))
-        effect = effect.model_copy(update={"covariance": fit.covariance_file if own else None})
-    return type(effect).model_validate(effect.to_dict())
+    # As their file will have them, with the covariance of the fit in place of their own.
+    for name, effect in effects.items():
+        if isinstance(effect, Effect):
+            own = bool(set(effect.parameter_names) & set(fit.known.names))
+            effect = effect.model_copy(update={"covariance": fit.covariance_file if own else None})
+        effects[name] = type(effect).model_validate(effect.to_dict())
+    return tuple(effects.values())
 
 
 def robot_section(section: Mapping[str, Plain], nominal: Robot, robot: Robot, fit: FittedArm) -> Section:

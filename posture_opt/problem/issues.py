@@ -54,7 +54,9 @@ def schema_issues(data: Section) -> list[Issue]:
         misspelt = [(one, meant) for one in placed if (meant := _meant_kind(one))]
         if not misspelt:
             causes = _without_misspelt(_without_rivals(placed), data)
-            return _each_once([*kinds, *(_issue(one, data) for one in causes)])
+            issues = reversed([*kinds, *(_issue(one, data) for one in causes)])
+            # The alternatives that pydantic tries can have the same fault.
+            return list({(issue.key, issue.message): issue for issue in issues}.values())[::-1]
         # pydantic reads nothing of a section of unknown kind; read as the kind that was meant it has more to say
         data = copy.deepcopy(data)
         for one, (word, kind) in misspelt:
@@ -89,7 +91,8 @@ class _Placed:
         parts = details["loc"]
         for index, part in enumerate(parts):
             absent = self.type == "missing" and index == len(parts) - 1
-            if absent or _has(data, part):
+            listed = isinstance(part, int) and isinstance(data, list | tuple) and part < len(data)
+            if absent or listed or (isinstance(part, str) and isinstance(data, Mapping) and part in data):
                 self.key = (*self.key, part)
                 data = None if absent else data[part]
             else:
@@ -103,12 +106,6 @@ class _Placed:
         return self.key if self.type == "missing" else None
 
 
-def _has(data: Plain, part: str | int) -> bool:
-    if isinstance(part, int):
-        return isinstance(data, list | tuple) and part < len(data)
-    return isinstance(data, Mapping) and part in data
-
-
 def _without_rivals(errors: list[_Placed]) -> list[_Placed]:
     branches: dict[KeyPath, dict[str, list[_Placed]]] = defaultdict(lambda: defaultdict(list))
     for error in errors:
@@ -116,7 +113,9 @@ def _without_rivals(errors: list[_Placed]) -> list[_Placed]:
             branches[place][name].append(error)
     dropped: set[int] = set()
     for rivals in branches.values():
-        best = max(rivals.values(), key=lambda group: max(_depth(error) for error in group))
+        best = max(
+            rivals.values(), key=lambda group: max((len(error.key), error.type == "value_error") for error in group)
+        )
         for group in rivals.values():
             dropped |= {id(error) for error in group if group is not best}
     return [error for error in errors if id(error) not in dropped]
@@ -131,10 +130,6 @@ def _without_misspelt(errors: list[_Placed], data: Plain) -> list[_Placed]:
         if error.type == "extra_forbidden"
     }
     return [error for error in errors if error.missing not in meant]
-
-
-def _depth(error: _Placed) -> tuple[int, bool]:
-    return len(error.key), error.type == "value_error"
 
 
 def _issue(error: _Placed, data: Plain) -> Issue:
@@ -152,8 +147,7 @@ def _issue(error: _Placed, data: Plain) -> Issue:
     if kind.startswith("union_tag"):
         return _tag_issue(key, kind, context, data)
     if kind in ("literal_error", "enum"):
-        words = _quoted(context["expected"])
-        return _unknown_word(key, value, words)
+        return _unknown_word(key, value, _quoted(context["expected"]))
     if kind == "value_error":
         fault = context["error"]
         return (fault if isinstance(fault, BadValueError) else BadValueError(str(fault))).issue(key, value)
@@ -167,7 +161,7 @@ def _issue(error: _Placed, data: Plain) -> Issue:
 def _tag_issue(key: KeyPath, kind: str, context: Mapping[str, Plain], data: Plain) -> Issue:
     name = _tag_key(context)
     if kind == "union_tag_not_found":
-        words = sorted(str(word) for word in _tags(key))
+        words = sorted(str(node["const"]) for node in nodes_at((*key, "kind"), None) if node.get("const"))
         return Issue("is missing", (*key, name), None, f"write {name}: {' | '.join(words)}", id="input.missing-key")
     place, value = (*key, name), _entry(data, key).get(name)
     return _unknown_task(place, value) or _unknown_word(place, value, _quoted(context["expected_tags"]))
@@ -189,10 +183,6 @@ def _unknown_word(key: KeyPath, value: Plain, words: Sequence[str]) -> Issue:
     return Issue(message, key, value, one_of(str(value), words), id="input.unknown-value")
 
 
-def _tags(key: KeyPath) -> list[str]:
-    return [tag for node in nodes_at((*key, "kind"), None) for tag in [node.get("const")] if tag]
-
-
 def _quoted(words: Plain) -> list[str]:
     return re.findall(r"'([^']*)'", str(words))
 
@@ -204,18 +194,14 @@ def _type_issue(key: KeyPath, kind: str, value: Plain, data: Plain, fallback: st
         return Issue(f"{message} (here {as_given(value)})", key, value)
     if value is None:
         return Issue(f"nothing is given here, {expected} is expected", key, value, _such_as(key, data))
-    hint = f"put it in quotes: '{value}'" if kind == "string_type" and not _container(value) else _such_as(key, data)
+    hint = (
+        f"put it in quotes: '{value}'"
+        if kind == "string_type" and not isinstance(value, list | tuple | Mapping)
+        else _such_as(key, data)
+    )
     return Issue(f"{as_given(value)} is not {expected}", key, value, hint)
 
 
 def _such_as(key: KeyPath, data: Plain, name: str = "") -> str:
     example = example_at(key, data)
     return f"write for example {name + ': ' if name else ''}{example}" if example else ""
-
-
-def _container(value: Plain) -> bool:
-    return isinstance(value, list | tuple | Mapping)
-
-
-def _each_once(issues: list[Issue]) -> list[Issue]:
-    return list({(issue.key, issue.message): issue for issue in reversed(issues)}.values())[::-1]

@@ -17,7 +17,6 @@ from posture_opt.texts import one_line
 # The files of a result that describe the arm: of a diagnosis, of a calibration
 _DELIVERED = "extended.yaml", "calibrated.yaml"
 _DEFAULT_PROBLEM = "insert_planar_2r"
-_MAX_SUGGESTIONS = 4  # names that begin like what was written
 
 
 def load_problem(path: str | PathLike[str]) -> Problem:
@@ -70,7 +69,7 @@ def _near_builtin(name: str) -> str:
     if nearest_file(Path(name)):
         return ""
     begun = [known for known in builtin_names() if known.startswith(name)]
-    near = begun[:_MAX_SUGGESTIONS] or [nearest(name, builtin_names())]
+    near = begun[:4] or [nearest(name, builtin_names())]
     if near[0]:
         return f"did you mean the built-in {either(near)}?"
     bare = Path(name).name == name and not Path(name).suffix

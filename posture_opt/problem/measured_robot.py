@@ -47,7 +47,11 @@ def problem_of_measured_robot(
     if freedom >= MIN_FREEDOM:
         stated["measurement"] = {"position": f"{number(sigma * 1e3, 2)} mm", "degrees_of_freedom": freedom}
     problem = problem_from_dict({**document, **({"uncertainty": stated} if stated else {})})
-    repeats = _from_repeats(sigma, freedom) if freedom >= MIN_FREEDOM else ""
+    size = f"{number(sigma * 1e3, 2)} mm"
+    repeats = (
+        f"σ of the instrument, {size}, is the scatter of repeats ({freedom} degrees of freedom), the arm's included"
+    )
+    repeats = repeats if freedom >= MIN_FREEDOM else ""
     notes = (*problem.notes, _free(problem.robot), *([f"the {repeats}"] if repeats else []))
     return replace(problem, notes=notes, header=_header(_instrument(repeats, measured.touches)))
 
@@ -58,12 +62,6 @@ def _free(robot: Robot) -> str:
         return "no problem file is given; base and tool are those of the command line"
     are = "are" if len(frames) > 1 else "is"
     return f"no problem file is given: {' and '.join(frames)} {are} free, to be found from the data"
-
-
-def _from_repeats(sigma: float, freedom: int) -> str:
-    """Where the σ of the instrument comes from: scatter of repeats, so that it contains the scatter of the arm."""
-    size = f"{number(sigma * 1e3, 2)} mm"
-    return f"σ of the instrument, {size}, is the scatter of repeats ({freedom} degrees of freedom), the arm's included"
 
 
 def _instrument(repeats: str, touches: bool) -> tuple[str, str]:

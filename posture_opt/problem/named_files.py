@@ -17,6 +17,7 @@ from posture_opt.limits import MOST_PATH_POINTS
 from posture_opt.measurements.camera_section import Intrinsics
 from posture_opt.measurements.columns import NumberText
 from posture_opt.measurements.data_section import DataSpec
+from posture_opt.measurements.kinds import PairSpec
 from posture_opt.measurements.layout import BRACKETED_HEADER
 from posture_opt.measurements.measurements import reach
 from posture_opt.measurements.table import Faults, RawTable, open_table
@@ -28,32 +29,37 @@ from posture_opt.selection.tasks.path_task import PathTask, repeated
 from posture_opt.texts import unguarded
 from posture_opt.units import LARGEST, parse_quantity
 
-_MAX_BYTES = 1_000_000
-_COEFFICIENTS = 5  # k1, k2, p1, p2, k3: the plumb-bob model; further ones of OpenCV are used only where they are zero
-_AXES = ("x", "y", "z")
-_MODELS = ("plumb_bob", "")
+_POINT, _AXIS = ("x", "y", "z"), ("dx", "dy", "dz")
+Vectors = tuple[tuple[float, float, float], ...]  # Points [m] or directions, one a row
+ReadParts = Callable[[ProblemDocument, Path, Mapping[str, str]], tuple[Any, Any, Any]]
 
 
-def with_camera_files(data: DataSpec, folder: Path) -> DataSpec:
-    """The section ``data`` with what the files of its cameras and boards say."""
-    if not data.cameras and not data.markers:
-        return data
-    cameras, markers, issues = dict(data.cameras), dict(data.markers), list[Issue]()
-    for name, camera in data.cameras.items():
-        try:
-            cameras[name] = camera.with_intrinsics(read_intrinsics(located(folder, camera.intrinsics)))
-        except InputError as error:
-            issues += [i if i.file else i.at("data", "cameras", name, "intrinsics") for i in error.issues]
-    for name, board in data.markers.items():
-        if board.points is None:
-            continue
-        try:
-            markers[name] = board.with_points(read_points(located(folder, board.points)))
-        except InputError as error:
-            issues += [i if i.file else i.at("data", "markers", name, "points") for i in error.issues]
-    if issues:
-        raise InputError(issues)
-    return data.model_copy(update={"cameras": cameras, "markers": markers})
+def with_named_files(data: DataSpec, folder: Path, read_parts: ReadParts) -> tuple[DataSpec, list[Issue]]:
+    """The section ``data`` with what the files of its cameras, boards and second arms say, and what is wrong with them.
+
+    ``read_parts`` reads the problem file of a second arm.
+    """
+
+    def with_arm(pair: PairSpec, path: Path) -> PairSpec:
+        _, (_, arm), (sources, _) = read_parts(second_document(path), path.parent, {})
+        sigmas = zip(sources.names, map(float, np.sqrt(np.diag(sources.constant))), strict=True)
+        return pair.with_arm(arm, dict(sigmas))
+
+    read: dict[tuple[str, str], Callable[[Any, Path], Any]] = {
+        ("cameras", "intrinsics"): lambda camera, path: camera.with_intrinsics(read_intrinsics(path)),
+        ("markers", "points"): lambda board, path: board.with_points(read_points(path)),
+        ("pairs", "problem"): with_arm,
+    }
+    issues: list[Issue] = []
+    for (section, key), with_file in read.items():
+        entries = dict(getattr(data, section))
+        for name, entry in entries.items():
+            try:
+                entries[name] = with_file(entry, located(folder, file)) if (file := getattr(entry, key)) else entry
+            except InputError as error:
+                issues += [i if i.file else i.at("data", section, name, key) for i in error.issues]
+        data = data.model_copy(update={section: entries})
+    return data, issues
 
 
 def named_files(data: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
@@ -67,7 +73,7 @@ def named_files(data: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
 def read_intrinsics(path: Path) -> Intrinsics:
     """Camera matrix and distortion of a YAML file that OpenCV or ROS wrote."""
     try:
-        text = content(path, _MAX_BYTES).decode("utf-8", "replace")
+        text = content(path, 1_000_000).decode("utf-8", "replace")
     except InputError as error:
         raise naming(path, error) from None
     # OpenCV writes %YAML:1.0, which is none, and a tag for matrices
@@ -91,16 +97,15 @@ def _intrinsics(found: Any) -> Intrinsics:
     names = ("distortion_coefficients", "distortion_coeffs", "dist_coeffs", "D", "d")
     D = _numbers(found, *names) if any(name in found for name in names) else []
     model = str(found.get("distortion_model", ""))
-    further = [value for value in D[_COEFFICIENTS:] if value]
-    if (model not in _MODELS and any(D) and (further or "rational" not in model)) or further:
+    # Plumb-bob: k1, k2, p1, p2, k3; further ones of OpenCV are used only where they are zero.
+    if any(D[5:]) or (model not in ("plumb_bob", "") and any(D) and "rational" not in model):
         hint = "calibrate the camera with k1, k2, p1, p2, k3 (plumb_bob), OpenCV's default"
         raise BadValueError(f"the distortion model {model or 'with more than five coefficients'} is not known", hint)
     fx, skew, cx, _, fy, cy = K[:6]
     if not (fx > 0 and fy > 0) or skew:
         raise BadValueError("the focal lengths are not positive, or there is a skew", "fx, 0, cx, 0, fy, cy, 0, 0, 1")
     size = tuple(int(found.get(f"image_{side}", found.get(side, 0)) or 0) for side in ("width", "height"))
-    coefficients = [*D[:_COEFFICIENTS], *[0.0] * _COEFFICIENTS][:_COEFFICIENTS]
-    return Intrinsics((fx, fy), (cx, cy), tuple(coefficients), (size[0], size[1]))
+    return Intrinsics((fx, fy), (cx, cy), (*D, *[0.0] * 5)[:5], (size[0], size[1]))
 
 
 def _numbers(found: Mapping[str, Any], *names: str) -> list[float]:
@@ -117,20 +122,11 @@ def _numbers(found: Mapping[str, Any], *names: str) -> list[float]:
 
 def read_points(path: Path) -> dict[str, tuple[float, float, float]]:
     """Where the markers of a board are on it [m], from ``marker, x [mm], y [mm], z [mm]``; z may be left out."""
-    raw = open_table(path, ("marker", *_AXES))
-    columns = {}
-    for index, title in enumerate(raw.titles):
-        match = BRACKETED_HEADER.match(title)
-        columns[(match["name"] if match else title).strip()] = (index, (match["unit"] or "") if match else "")
+    raw = open_table(path, ("marker", *_POINT))
+    columns = {name: (index, unit) for index, (name, unit) in enumerate(map(_name_and_unit, raw.titles))}
     if not {"marker", "x", "y"} <= set(columns):
         raw.faults.stop("the header does not fit", "marker, x [mm], y [mm], z [mm]", raw.line)
-    factors = {}
-    for axis in _AXES:
-        if axis in columns:
-            try:
-                factors[axis] = parse_quantity(f"1 {columns[axis][1]}", "length")
-            except BadValueError as error:
-                raw.faults.add(error.message, axis, columns[axis][1], f"write {axis} [mm]", raw.line)
+    factors = {axis: _factor(axis, columns[axis][1], raw) for axis in _POINT if axis in columns}
     raw.faults.refuse()
     found: dict[str, tuple[float, float, float]] = {}
     for block in raw.blocks:
@@ -138,29 +134,19 @@ def read_points(path: Path) -> dict[str, tuple[float, float, float]]:
             name = unguarded(str(block.cells[columns["marker"][0]][row]).strip())
             if name in found:
                 raw.faults.add("the marker is given twice", "marker", name, "keep one", int(line))
-            place = {axis: _cell(block.cells[columns[axis][0]][row], axis, int(line), raw.faults) for axis in factors}
-            x, y, z = (place.get(axis, 0.0) * factors.get(axis, 1.0) for axis in _AXES)
+            place = {
+                axis: _number(str(block.cells[columns[axis][0]][row]), axis, int(line), raw.faults, factor)
+                for axis, factor in factors.items()
+            }
+            x, y, z = (place.get(axis, 0.0) for axis in _POINT)
             found[name] = (x, y, z)
     raw.faults.refuse()
     return found
 
 
-def _cell(cell: object, name: str, line: int, faults: Any) -> float:
-    try:
-        value = float(str(cell))
-    except ValueError:
-        value = np.nan
-    if not np.isfinite(value):
-        faults.add("the cell is no number", name, cell, "give a number", line)
-        return 0.0
-    return value
-
-
-Vectors = tuple[tuple[float, float, float], ...]  # Points [m] or directions, one a row
-_COLUMN_HEADER = re.compile(r"^\s*(?P<name>[^\[\]]*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*$")
-_POINT, _AXIS = ("x", "y", "z"), ("dx", "dy", "dz")
-_FAR_REACHES = 50.0  # of the arm: points beyond were written in another unit
-_MIN_AXIS_LENGTH = 1e-12  # of dx, dy, dz
+def _name_and_unit(title: str) -> tuple[str, str]:
+    match = BRACKETED_HEADER.match(title)
+    return (match["name"].strip(), (match["unit"] or "").strip()) if match else (title.strip(), "")
 
 
 def with_path(task: Task | None, folder: Path) -> Task | None:
@@ -181,16 +167,14 @@ def far_points(task: Task | None, robot: Robot) -> list[Issue]:
         return []
     base = [next((f.nominal for f in robot.factors if f.parameter == f"base.{axis}"), 0.0) for axis in _POINT]
     far, long = float(np.abs(np.array(task.points) - base).max()), max(reach(robot), 1e-3)
-    if far < _FAR_REACHES * long or far * 1e-3 > long:
+    if far < 50 * long or far * 1e-3 > long:
         return []
     message = f"its points are up to {far:.4g} m from the base, and the arm reaches {long:.3g} m"
     hint = "the numbers look like mm: write x [mm], y [mm], z [mm]"
     return [Issue(message, ("task", "path"), task.path, hint)]
 
 
-def _read(
-    raw: RawTable,
-) -> tuple[Vectors, Vectors | None]:
+def _read(raw: RawTable) -> tuple[Vectors, Vectors | None]:
     """Points [m] and axes of the rows, world frame; None for the axes where the file has none."""
     columns = _columns(raw)
     lines: list[int] = []
@@ -204,19 +188,18 @@ def _read(
             lines.append(line)
             texts = {name: marks.to_plain(block.cells[i][r]) for name, (i, _) in columns.items()}
             rows.append([_number(texts[name], name, line, raw.faults, f) for name, (_, f) in columns.items()])
-    table = np.array(rows, dtype=float).reshape(len(rows), len(columns))
-    by_name = dict(zip(columns, table.T, strict=True))
-    points = _together(by_name, _POINT, len(rows))
-    axes = _together(by_name, _AXIS, len(rows)) if "dx" in columns else None
-    _check(points, axes, lines, raw)
-    return _tuples(points), None if axes is None else _tuples(axes)
+    by_name = dict(zip(columns, np.array(rows, dtype=float).reshape(len(rows), len(columns)).T, strict=True))
+    # A coordinate that is left out is zero.
+    points, axes = (
+        np.column_stack([by_name.get(name, np.zeros(len(rows))) for name in names]) for names in (_POINT, _AXIS)
+    )
+    _check(points, axes if "dx" in columns else None, lines, raw)
+    return _tuples(points), _tuples(axes) if "dx" in columns else None
 
 
 def _columns(raw: RawTable) -> dict[str, tuple[int, float]]:
     found: dict[str, tuple[int, float]] = {}
-    for index, head in enumerate(raw.titles):
-        match = _COLUMN_HEADER.match(head)
-        name, unit = (match["name"], (match["unit"] or "").strip()) if match else (head.strip(), "")
+    for index, (name, unit) in enumerate(map(_name_and_unit, raw.titles)):
         if name not in (*_POINT, *_AXIS):
             near = nearest(name, (*_POINT, *_AXIS))
             hint = f"did you mean '{near}'?" if near else "a path has x [mm], y [mm], z [mm] and optionally dx, dy, dz"
@@ -225,7 +208,12 @@ def _columns(raw: RawTable) -> dict[str, tuple[int, float]]:
             raw.faults.add("two columns have this name", name, hint="keep one", line=raw.line)
         else:
             found[name] = index, _factor(name, unit, raw)
-    _missing(found, raw)
+    for name in ("x", "y"):
+        if name not in found:
+            raw.faults.add("the column is missing", name, hint=f"add {name} [mm]", line=raw.line)
+    axis = [name for name in _AXIS if name in found]
+    if axis and axis[:2] != ["dx", "dy"]:
+        raw.faults.add(f"{', '.join(axis)} alone make no direction", axis[0], hint="add dx, dy, dz", line=raw.line)
     raw.faults.refuse()
     return found
 
@@ -235,23 +223,12 @@ def _factor(name: str, unit: str, raw: RawTable) -> float:
         if unit not in ("", "-", "1"):
             raw.faults.add(f"a direction has no unit, '{unit}' is given", name, unit, f"write {name}", raw.line)
         return 1.0
-    if not unit:
-        raw.faults.add("the column has no unit", name, None, f"write {name} [mm]", raw.line)
-        return 1.0
     try:
         return parse_quantity(f"1 {unit}", "length")
     except BadValueError as error:
-        raw.faults.add(error.message, name, unit, f"write {name} [mm]", raw.line)
+        message = error.message if unit else "the column has no unit"
+        raw.faults.add(message, name, unit or None, f"write {name} [mm]", raw.line)
         return 1.0
-
-
-def _missing(found: dict[str, tuple[int, float]], raw: RawTable) -> None:
-    for name in ("x", "y"):
-        if name not in found:
-            raw.faults.add("the column is missing", name, hint=f"add {name} [mm]", line=raw.line)
-    axis = [name for name in _AXIS if name in found]
-    if axis and axis[:2] != ["dx", "dy"]:
-        raw.faults.add(f"{', '.join(axis)} alone make no direction", axis[0], hint="add dx, dy, dz", line=raw.line)
 
 
 def _number(cell: str, name: str, line: int, faults: Faults, factor: float) -> float:
@@ -266,11 +243,6 @@ def _number(cell: str, name: str, line: int, faults: Faults, factor: float) -> f
     return np.nan
 
 
-def _together(columns: Mapping[str, Array], names: tuple[str, ...], rows: int) -> Array:
-    """(N, 3) of columns; one that is left out is zero."""
-    return np.column_stack([columns.get(name, np.zeros(rows)) for name in names])
-
-
 def _check(points: Array, axes: Array | None, lines: list[int], raw: RawTable) -> None:
     # points: (N, 3) [m]; ``axes`` (N, 3) or None; ``lines`` of the file that they are in
     faults = raw.faults
@@ -279,8 +251,7 @@ def _check(points: Array, axes: Array | None, lines: list[int], raw: RawTable) -
         faults.stop(f"a path has at least two points, {len(points)} given", "add rows", raw.line + len(points))
     for k in repeated(_tuples(points)):
         faults.add(f"the point of line {lines[k]} again", hint="leave out one of the two rows", line=lines[k + 1])
-    short = [] if axes is None else np.flatnonzero(np.linalg.norm(axes, axis=1) < _MIN_AXIS_LENGTH).tolist()
-    for k in short:
+    for k in np.flatnonzero(np.linalg.norm(axes, axis=1) < 1e-12).tolist() if axes is not None else ():
         faults.add("dx, dy, dz of length zero point nowhere", "dx", hint="write for example 0, 0, -1", line=lines[k])
     faults.refuse()
 
@@ -290,30 +261,8 @@ def _tuples(rows: Array) -> Vectors:
     return tuple((float(x), float(y), float(z)) for x, y, z in rows)
 
 
-# Sections of a problem file that say what the arm is: its data may name the first arm as the second of its own
-OF_ARM = ("name", "robot", "uncertainty", "effects")
-ReadParts = Callable[[ProblemDocument, Path, Mapping[str, str]], tuple[Any, Any, Any]]
-
-
-def with_second_arms(data: DataSpec, folder: Path, read_parts: ReadParts) -> DataSpec:
-    """The section ``data`` with what the problem files of second arms say."""
-    if not data.pairs:
-        return data
-    pairs, issues = dict(data.pairs), list[Issue]()
-    for name, pair in data.pairs.items():
-        try:
-            path = located(folder, pair.problem)
-            _, (_, arm), (sources, _) = read_parts(second_document(path), path.parent, {})
-            sigmas = dict(zip(sources.names, map(float, np.sqrt(np.diag(sources.constant))), strict=True))
-            pairs[name] = pair.with_arm(arm, sigmas)
-        except InputError as error:
-            issues += [i if i.file else i.at("data", "pairs", name, "problem") for i in error.issues]
-    if issues:
-        raise InputError(issues)
-    return data.model_copy(update={"pairs": pairs})
-
-
 def second_document(path: Path) -> ProblemDocument:
     """What a problem file says of its arm."""
     document = read_yaml(path)
-    return replace(document, data={key: value for key, value in document.data.items() if key in OF_ARM})
+    of_arm = ("name", "robot", "uncertainty", "effects")  # its data may name the first arm as the second of its own
+    return replace(document, data={key: value for key, value in document.data.items() if key in of_arm})

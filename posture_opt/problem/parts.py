@@ -21,12 +21,12 @@ from posture_opt.problem.effects_section import (
     noisy_sources,
 )
 from posture_opt.problem.issues import schema_issues
-from posture_opt.problem.named_files import far_points, with_camera_files, with_path, with_second_arms
+from posture_opt.problem.named_files import far_points, with_named_files, with_path
 from posture_opt.problem.schema import ProblemSpec, read_sections
 from posture_opt.problem.yaml_source import Plain, ProblemDocument, Section
 from posture_opt.robot.corrections import corrected
 from posture_opt.robot.format import check_payload
-from posture_opt.robot.robot import Repeatability, Robot
+from posture_opt.robot.robot import Robot
 from posture_opt.robot.urdf import pitched_rolls
 from posture_opt.selection.tasks import Task
 from posture_opt.texts import checked
@@ -142,11 +142,13 @@ def read_parts(
         read = spec
         arms = _arms(read, folder, issues)
         task = _collect(issues, lambda: with_path(read.task, folder))
-        task = _collect(issues, lambda: _with_workpiece(task, folder))
+        if task is not None and task.workpiece is not None:
+            known, part = task, task.workpiece
+            solid = _collect(issues, lambda: part.in_folder(folder), "task", "workpiece")
+            task = known.model_copy(update={"workpiece": solid}) if solid else None
         task = task.for_robot(arms[1].robot) if task is not None and arms else task
-        data = _collect(issues, lambda: with_camera_files(read.data, folder)) or read.data
-        files = data
-        data = _collect(issues, lambda: with_second_arms(files, folder, read_parts)) or data
+        data, unread = with_named_files(read.data, folder, read_parts)
+        issues += unread
         cell = _collect(issues, lambda: read.cell and read.cell.in_folder(folder))
         spec = spec.model_copy(update={"task": task, "data": data, "cell": cell})
         issues += [issue.at("data") for issue in data_issues(spec.data, arms[1].robot)] if arms else []
@@ -156,7 +158,7 @@ def read_parts(
         sources = _collect(issues, lambda: _sources(read, arm, folder, texts, sound))
     elif "uncertainty" in readable.data:
         uncertainty = UncertaintySpec.model_validate(readable.data["uncertainty"])
-        _collect(issues, lambda: _at("uncertainty", uncertainty.check))
+        _collect(issues, uncertainty.check, "uncertainty")
     reported = {issue.key for issue in wrong}
     more = [*found, *(readable.placed(issue) for issue in issues if readable.judged(issue))]
     wrong += [issue for issue in more if issue.key not in reported]
@@ -165,13 +167,6 @@ def read_parts(
     assert arms is not None
     assert sources is not None
     return spec, arms, sources
-
-
-def _with_workpiece(task: Task | None, folder: Path) -> Task | None:
-    if task is None or task.workpiece is None:
-        return task
-    part = task.workpiece
-    return task.model_copy(update={"workpiece": _at("task", lambda: _at("workpiece", lambda: part.in_folder(folder)))})
 
 
 def fixed_part(task: Task | None) -> Mesh | None:
@@ -186,15 +181,15 @@ def part_notes(task: Task | None) -> tuple[str, ...]:
 
 
 def _arms(spec: ProblemSpec, folder: Path, issues: list[Issue]) -> tuple[Robot, Arm] | None:
-    nominal = _collect(issues, lambda: _at("robot", lambda: spec.robot.nominal(folder)))
+    nominal = _collect(issues, lambda: spec.robot.nominal(folder), "robot")
     if nominal is None and spec.robot.shape is not None:
         bare = spec.robot.model_copy(update={"shape": None})
         nominal = _collect([], lambda: bare.nominal(folder))
     if nominal is None:
         return None
     known = nominal
-    _collect(issues, lambda: _at("robot", lambda: check_payload(known)))
-    plain = _collect(issues, lambda: _at("robot", lambda: corrected(known, spec.robot.corrections))) or known
+    _collect(issues, lambda: check_payload(known), "robot")
+    plain = _collect(issues, lambda: corrected(known, spec.robot.corrections), "robot") or known
     arm = _collect(issues, lambda: arm_with(plain, spec.effects, spec.task))
     return known, arm or Arm(plain)
 
@@ -202,21 +197,20 @@ def _arms(spec: ProblemSpec, folder: Path, issues: list[Issue]) -> tuple[Robot, 
 def _sources(
     spec: ProblemSpec, arm: Arm, folder: Path, texts: Mapping[str, str], sound: bool
 ) -> tuple[Sources, Sources]:
+    stated = spec.uncertainty
     if not sound:
-        stated = spec.uncertainty
         names = {key: value for key, value in stated.sigma.items() if "(" not in key}
         pairs = tuple(pair for pair in stated.correlation if not any("(" in name for name in pair[:2]))
-        bare = stated.model_copy(update={"sigma": names, "correlation": pairs, "covariance": None})
-        found = _at("uncertainty", lambda: bare.build(arm, folder, texts))
-        return found, found
-    stated_sources = _at("uncertainty", lambda: spec.uncertainty.build(arm, folder, texts))
-    issues = measurement_issues(spec.uncertainty.measurement, spec.effects)
-    if issues:
+        stated = stated.model_copy(update={"sigma": names, "correlation": pairs, "covariance": None})
+    issues: list[Issue] = []
+    found = _collect(issues, lambda: stated.build(arm, folder, texts), "uncertainty")
+    issues += measurement_issues(stated.measurement, spec.effects) if sound and found else []
+    if found is None or issues:
         raise InputError(issues)
-    stated_sources = stated_sources.plus(
-        effect_sources(arm, moving_effects(spec.effects), folder, texts, spec.uncertainty.covariance)
-    )
-    return stated_sources, noisy_sources(stated_sources, arm.robot, spec.effects)
+    if not sound:
+        return found, found
+    found = found.plus(effect_sources(arm, moving_effects(spec.effects), folder, texts, stated.covariance))
+    return found, noisy_sources(found, arm.robot, spec.effects)
 
 
 def parse_spec(document: ProblemDocument) -> ProblemSpec:
@@ -235,32 +229,25 @@ def _refuse(issues: list[Issue], document: ProblemDocument) -> None:
         raise InputError(sorted((document.placed(issue) for issue in issues), key=lambda issue: issue.line))
 
 
-def _collect(issues: list[Issue], build: Callable[[], T]) -> T | None:
+def _collect(issues: list[Issue], build: Callable[[], T], *section: str) -> T | None:
+    """What ``build`` makes, or ``None`` with its issues added; keys in a ``section`` count from the top of the file."""
     try:
         return build()
     except InputError as error:
-        issues += error.issues
+        issues += [issue if issue.file or not section else issue.at(*section) for issue in error.issues]
         return None
-
-
-def _at(section: str, build: Callable[[], T]) -> T:
-    try:
-        return build()
-    except InputError as error:
-        raise InputError([issue if issue.file else issue.at(section) for issue in error.issues]) from error
 
 
 def problem_notes(
     arm: Arm, stated: UncertaintySpec, sources: Sources, effects: Sequence[CatalogueEntry]
 ) -> tuple[str, ...]:
     """All notes of a problem: on its sources, on numbers that are far off, on the inputs of effects, on noise."""
-    return (
-        *sources.notes,
-        *plausibility_notes(arm.robot, stated, sources),
-        *input_notes(arm),
-        *noise_notes(effects),
-        *roll_notes(arm.robot, sources),
+    noise = dict.fromkeys(e.kind for e in effects if isinstance(e, NoiseEffect) and not e.of_arm)
+    of_noise = (
+        [f"{', '.join(noise)}: of the measurement alone, no part of the spread of the tool point"] if noise else []
     )
+    far = plausibility_notes(arm.robot, stated, sources)
+    return (*sources.notes, *far, *input_notes(arm), *of_noise, *roll_notes(arm.robot, sources))
 
 
 def roll_notes(robot: Robot, sources: Sources) -> tuple[str, ...]:
@@ -293,50 +280,30 @@ def input_notes(arm: Arm) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def noise_notes(effects: Sequence[CatalogueEntry]) -> tuple[str, ...]:
-    """Which effects have no part in the spread of the tool point."""
-    kinds = [e.kind for e in effects if isinstance(e, NoiseEffect) and not e.of_arm]
-    if not kinds:
-        return ()
-    return (f"{', '.join(dict.fromkeys(kinds))}: of the measurement alone, no part of the spread of the tool point",)
-
-
 def plausibility_notes(robot: Robot, stated: UncertaintySpec, sources: Sources) -> tuple[str, ...]:
     """What is far off the robot's data sheet, in sentences for the report; nothing where there is no data sheet."""
     sheet = robot.repeatability
     if sheet is None:
         return ()
-    notes = []
+    notes, usual_text = [], f"{sheet.value * 1e3:g} mm"
     if stated.repeatability is not None and _far(stated.repeatability / sheet.value):
         given, times = f"{stated.repeatability * 1e3:g} mm", _times(stated.repeatability / sheet.value)
-        notes.append(
-            f"the stated repeatability {given} is {times} the data sheet's {_sheet(sheet)}: is its unit right?"
-        )
-    own = {robot.factors[i].parameter for i in robot.driven}
+        notes.append(f"the stated repeatability {given} is {times} the data sheet's {usual_text}: is its unit right?")
     named = sources.names if stated.repeatability is None and stated.covariance else tuple(stated.sigma)
-    if own & set(named):
-        notes += _joint_notes(
-            robot, sheet, stated, {n: s for n, s in _sigmas(sources).items() if n in own & set(named)}
-        )
-    return tuple(notes)
-
-
-def _joint_notes(robot: Robot, sheet: Repeatability, stated: UncertaintySpec, sigma: dict[str, float]) -> list[str]:
-    """The σ of a joint that is farthest off what the data sheet's repeatability gives, in one note."""
-    # sheet: repeatability of the data sheet; ``sigma`` of the joints [rad or m]
-    usual = _sigmas(joint_sigmas(robot, sheet.value))
-    ratios = {name: value / usual[name] for name, value in sigma.items() if name in usual and value > 0}
+    joints = {robot.factors[i].parameter for i in robot.driven} & set(named)
+    usual = _sigmas(joint_sigmas(robot, sheet.value)) if joints else {}
+    ratios = {n: s / usual[n] for n, s in _sigmas(sources).items() if n in joints and n in usual and s > 0}
     # A covariance is what a calibration leaves unknown, which many rows make as small as one likes.
     far = {name: ratio for name, ratio in ratios.items() if ratio > FAR or (_far(ratio) and name in stated.sigma)}
-    if not far:
-        return []
-    name = max(far, key=lambda name: max(far[name], 1 / far[name]))
-    given = f", {stated.sigma[name]}," if name in stated.sigma else ""
-    more = f" (and {len(far) - 1} more are far off too)" if len(far) > 1 else ""
-    return [
-        f"the standard deviation of {name}{given} is {_times(far[name])} what the data sheet's repeatability "
-        f"{_sheet(sheet)} leaves it{more}: is its unit right?"
-    ]
+    if far:
+        name = max(far, key=lambda name: max(far[name], 1 / far[name]))
+        given = f", {stated.sigma[name]}," if name in stated.sigma else ""
+        more = f" (and {len(far) - 1} more are far off too)" if len(far) > 1 else ""
+        notes.append(
+            f"the standard deviation of {name}{given} is {_times(far[name])} what the data sheet's repeatability "
+            f"{usual_text} leaves it{more}: is its unit right?"
+        )
+    return tuple(notes)
 
 
 def _sigmas(sources: Sources) -> dict[str, float]:
@@ -350,7 +317,3 @@ def _far(ratio: float) -> bool:
 
 def _times(ratio: float) -> str:
     return f"{float(f'{ratio:.2g}'):g} times" if ratio > 1 else f"1/{float(f'{1 / ratio:.2g}'):g} of"
-
-
-def _sheet(sheet: Repeatability) -> str:
-    return f"{sheet.value * 1e3:g} mm"

@@ -69,10 +69,6 @@ class LivePage(Protocol):
         """End the page, and everything that it computes."""
 
 
-# Sections that speak of the robot and its measurements, wherever it is and whatever it does
-_ROBOT_SECTIONS = ("name", "robot", "uncertainty", "effects", "data")
-
-
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Problem(ProblemData):
     """What a problem file says, in SI units and radians, and the file itself: read, changed by its keys, written.
@@ -129,16 +125,8 @@ class Problem(ProblemData):
         found = with_path(spec.task, self.folder)
         found = found and found.for_robot(self.robot)
         arm = arm_with(self.robot, self.effects, found)
-        former_notes = input_notes(self.arm)
-        notes = (*(note for note in notes if note not in former_notes), *input_notes(arm))
-        return replace(
-            self,
-            arm=arm,
-            task=found,
-            document=document,
-            notes=notes,
-            overridden=frozenset(overridden),
-        )
+        notes = (*(note for note in notes if note not in input_notes(self.arm)), *input_notes(arm))
+        return replace(self, arm=arm, task=found, document=document, notes=notes, overridden=overridden)
 
     def replace(self, **changes: Plain) -> Problem:
         """The same problem with other values at some keys of its file, two underscores between the parts of a key.
@@ -178,7 +166,8 @@ class Problem(ProblemData):
 
     def of_robot(self) -> Problem:
         """The robot, what is uncertain about it, its effects and its data, without a task and a cell."""
-        kept = {key: value for key, value in self.document.items() if key in _ROBOT_SECTIONS}
+        sections = ("name", "robot", "uncertainty", "effects", "data")
+        kept = {key: value for key, value in self.document.items() if key in sections}
         if kept.get("uncertainty"):
             kept["uncertainty"] = with_workpiece(kept["uncertainty"], None)
         document = ProblemDocument(kept, self.origin.file, self.origin.lines)
@@ -285,8 +274,14 @@ class Problem(ProblemData):
 
     def files(self, stem: str) -> dict[str, bytes]:
         """File name -> content: the problem file ``stem.yaml`` and what it needs with it, to be put in any folder."""
-        document, further = self.to_dict(), {}
+        document = self.to_dict()
+        further: dict[str, bytes] = {}
         names: dict[str, str] = {}
+
+        def put(entry: Plain, key: str, name: str) -> None:
+            if isinstance(entry, dict) and (given := entry.get(key)):
+                further[name], entry[key] = self._content(given), name
+
         for section, key, name in (
             ("uncertainty", "covariance", f"{stem}_covariance.csv"),
             ("robot", "file", f"{stem}.urdf"),
@@ -295,35 +290,23 @@ class Problem(ProblemData):
             ("cell", "scene", f"{stem}.scene"),
         ):
             inside = document.get(section)
-            given = inside.get(key) if isinstance(inside, dict) else None
-            if given:
-                further[name] = self._content(given)
-                document[section] = {**document[section], key: name}
-                names[given] = name
-        for section, name, key in named_files(document.get("data") or {}):
-            entry = document["data"][section][name]
-            copy_name = f"{stem}_{name}{Path(entry[key]).suffix}"
-            further[copy_name] = self._content(entry[key])
-            entry[key] = copy_name
-        for name, entry in ((document.get("data") or {}).get("pairs") or {}).items():
-            own = f"{stem}_{name}"
-            further |= self._second_arm(name).files(own)
-            entry["problem"] = f"{own}.yaml"
+            if isinstance(inside, dict) and inside.get(key):
+                names[inside[key]] = name
+                put(inside, key, name)
+        for section, own, key in named_files(document.get("data") or {}):
+            entry = document["data"][section][own]
+            put(entry, key, f"{stem}_{own}{Path(entry[key]).suffix}")
+        for own, entry in ((document.get("data") or {}).get("pairs") or {}).items():
+            further |= self._second_arm(own).files(f"{stem}_{own}")
+            entry["problem"] = f"{stem}_{own}.yaml"
         for effect in document.get("effects") or ():
-            given = effect.get("covariance")
-            if given:
-                name = names.setdefault(given, f"{stem}_effects{len(names) or ''}_covariance.csv")
-                further[name] = self._content(given)
-                effect["covariance"] = name
+            if given := effect.get("covariance"):
+                put(effect, "covariance", names.setdefault(given, f"{stem}_effects{len(names) or ''}_covariance.csv"))
         cell = document.get("cell")
-        for k, obstacle in enumerate(cell.get("obstacles") or () if isinstance(cell, dict) else ()):
-            if given := obstacle.get("file"):
-                obstacle["file"] = f"{stem}_obstacle{k + 1}{Path(given).suffix}"
-                further[obstacle["file"]] = self._content(given)
+        for k, obstacle in enumerate(cell.get("obstacles") or () if isinstance(cell, dict) else (), 1):
+            put(obstacle, "file", f"{stem}_obstacle{k}{Path(obstacle.get('file') or '').suffix}")
         part = (document.get("task") or {}).get("workpiece") or {}
-        if given := part.get("file"):
-            part["file"] = f"{stem}_workpiece{Path(given).suffix}"
-            further[part["file"]] = self._content(given)
+        put(part, "file", f"{stem}_workpiece{Path(part.get('file') or '').suffix}")
         return {f"{stem}.yaml": commented(self.header, document).encode(), **further}
 
     def _found_second_arm(self, name: str, fit: FittedArm) -> Problem:

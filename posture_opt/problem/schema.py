@@ -235,7 +235,12 @@ def replaced_data(
     if issues:
         raise InputError(issues)
     for key in keys:
-        _give_units(data, key, robot)
+        container: Plain = data
+        for part in key[:-1]:
+            container = container[part]
+        last: Plain = key[-1]
+        if last < len(container) if isinstance(container, list) else last in container:  # it may have been removed
+            container[last] = _with_units(container[last], key, data, robot)
     return data, frozenset(key[:2] for key in keys)
 
 
@@ -252,10 +257,9 @@ def _put(data: Plain, parts: tuple[str, ...], value: Plain, issues: list[Issue])
     last: Plain = _named_entry(data, parts[-1], key, issues)
     if last is None:
         return ()
-    there = isinstance(data, list) or last in data
     if value is not None:
         data[last] = value
-    elif there:
+    elif isinstance(data, list) or last in data:
         del data[last]
     return (*key, last)
 
@@ -267,24 +271,13 @@ def _named_entry(data: Plain, part: str, key: KeyPath, issues: list[Issue]) -> s
         here = f"'{data}'" if isinstance(data, str) else str(data)
         issues.append(Issue(f"{here} stands here, which has no key '{part}'", key, data, f"replace {key_text(key)}"))
         return None
-    names = [
-        str(entry["name"]) if isinstance(entry, dict) and "name" in entry else str(i) for i, entry in enumerate(data)
-    ]
     numbers = [str(i) for i in range(len(data))]
+    names = [str(e["name"]) if isinstance(e, dict) and "name" in e else i for e, i in zip(data, numbers, strict=True)]
     for known in (names, numbers):
         if part in known:
             return known.index(part)
     issues.append(Issue("the list has no such entry", (*key, part), None, one_of(part, names)))
     return None
-
-
-def _give_units(data: Section, key: KeyPath, robot: Robot) -> None:
-    container: Plain = data
-    for part in key[:-1]:
-        container = container[part]
-    last: Plain = key[-1]
-    if last < len(container) if isinstance(container, list) else last in container:  # it may have been removed
-        container[last] = _with_units(container[last], key, data, robot)
 
 
 def _with_units(value: Plain, key: KeyPath, data: Section, robot: Robot) -> Plain:

@@ -19,8 +19,6 @@ from posture_opt.files import content, naming
 Plain = Any  # A value of a problem file before its schema has read it: text, number, or lists and mappings of them
 Section = dict[str, Plain]  # A section of a problem file, or all of them, by their keys
 
-_MAX_INTEGER = 10**300  # beyond it no float can follow: it is infinite
-
 
 def plain(value: object) -> Plain:
     """Mappings, sequences, arrays and paths as the plain types that a file would give, all of them new."""
@@ -30,13 +28,12 @@ def plain(value: object) -> Plain:
         return plain(value.tolist())
     if isinstance(value, list | tuple):
         return [plain(entry) for entry in value]
-    if isinstance(value, int) and abs(value) > _MAX_INTEGER:
+    if isinstance(value, int) and abs(value) > 10**300:  # beyond it no float can follow: it is infinite
         return math.inf if value > 0 else -math.inf
     return fspath(value) if isinstance(value, PathLike) else value
 
 
 MAX_BYTES = 1_000_000  # bytes; the largest problem file written by hand has some thousand
-_MAX_PARAMETERS_IN_LINE = 2  # parameters; of more, a line breaks between number and unit
 _MAX_NODES = 200_000  # after aliases are expanded; a file of the size above has fewer without any
 _STARTER_HINT = "'optimize-posture new planar_2r' prints a problem file to start from"
 
@@ -249,7 +246,7 @@ class _Dumper(yaml.SafeDumper):
     def represent_mapping(self, tag: str, mapping: Plain, flow_style: bool | None = None) -> yaml.MappingNode:
         """Parameters with their quantities are written one a line: so they are found and compared."""
         node = super().represent_mapping(tag, mapping, flow_style)
-        if len(mapping) > _MAX_PARAMETERS_IN_LINE and all("." in str(name) for name in mapping):
+        if len(mapping) > 2 and all("." in str(name) for name in mapping):
             node.flow_style = False
         return node
 

@@ -14,7 +14,7 @@ from click.testing import Result
 import posture_opt as po
 from posture_opt.errors import InputError, NoSolutionError
 from posture_opt.problem.load import load_builtin
-from posture_opt.uncertainty.regions.coverage_radius import central_radii, radius_in_space
+from posture_opt.uncertainty.regions.clearance import central_radii, radius_in_space
 from tests.helpers.command_line import invoke
 from tests.helpers.folders import names as names_in
 

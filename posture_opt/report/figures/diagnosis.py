@@ -13,9 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from posture_opt.diagnosis.scores.candidates import Candidate
-from posture_opt.diagnosis.scores.fourier_sums import scan_frequencies
 from posture_opt.diagnosis.scores.levels import FIRST_EFFECT_LEVEL
-from posture_opt.diagnosis.scores.score_tests import log_p
+from posture_opt.diagnosis.scores.score_tests import log_p, scan_frequencies
 from posture_opt.model.effects.base.multiples import cycles_text
 from posture_opt.model.effects.cyclic_error import CyclicError
 from posture_opt.numerics import TURN, Array, rms

@@ -31,8 +31,7 @@ from posture_opt.statements.notation import (
     shift,
     stated_length,
 )
-from posture_opt.uncertainty.sources.source_names import conditions, source_size, source_words
-from posture_opt.uncertainty.sources.workpiece import ANGLE, stated_name
+from posture_opt.uncertainty.sources.sources import ANGLE, conditions, source_size, source_words, stated_name
 from posture_opt.uncertainty.spread.joint_digits import readable_digits, readable_posture
 from posture_opt.uncertainty.spread.spread import HasSources
 from posture_opt.units import fixed

@@ -26,7 +26,7 @@ from posture_opt.statements.notation import (
     stated,
 )
 from posture_opt.uncertainty.regions.regions import deviation
-from posture_opt.uncertainty.sources.source_names import source_size
+from posture_opt.uncertainty.sources.sources import source_size
 from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:

@@ -20,7 +20,7 @@ from posture_opt.report.text.words import CRITERIA, REGIONS, direction_words, li
 from posture_opt.selection.registered_tasks import part_words
 from posture_opt.statements.notation import angle, length, lengths, percent, probability, stated_length
 from posture_opt.uncertainty.regions.regions import Ellipsoid
-from posture_opt.uncertainty.sources.source_names import source_size, source_words
+from posture_opt.uncertainty.sources.sources import source_size, source_words
 from posture_opt.uncertainty.spread.budget import SHARE_TOLERANCE, ShareGroup
 from posture_opt.units import fixed, shown
 

@@ -17,9 +17,8 @@ from posture_opt.collision.facets import cylinder_facets, rectangle, tapered_fac
 from posture_opt.model.chain import factor_values, walk
 from posture_opt.numerics import Array
 from posture_opt.report.page.colours import BLUE, GREEN, ORANGE, VERMILLION
-from posture_opt.robot.link_capsules import STAND_IN_RADIUS_RATIO, stand_in, tool_capsule
-from posture_opt.robot.robot import Robot
-from posture_opt.robot.shape import BASE, TOOL, Capsule
+from posture_opt.robot.robot import BASE, TOOL, Capsule, Robot
+from posture_opt.robot.shape_section import STAND_IN_RADIUS_RATIO, stand_in, tool_capsule
 
 Role = Literal["base", "link", "joint", "tool", "obstacle", "floor", "region"]
 COLOURS = {

@@ -13,7 +13,7 @@ from posture_opt.numerics import Array
 from posture_opt.report.scene.arm_geometry import TargetGeometry
 from posture_opt.report.scene.arm_view import ArmView, ShownPosture
 from posture_opt.report.text.words import PARTS
-from posture_opt.robot.shape import BASE, TOOL
+from posture_opt.robot.robot import BASE, TOOL
 from posture_opt.statements.notation import length, place
 from posture_opt.uncertainty.spread.budget import Share
 from posture_opt.uncertainty.spread.spread import propagate, relative_spread

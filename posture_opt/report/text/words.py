@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from posture_opt.selection.registered_tasks import part_words as part_words
 from posture_opt.uncertainty.regions.critical import PARTS as PARTS
-from posture_opt.uncertainty.sources.source_names import source_size as source_size
-from posture_opt.uncertainty.sources.source_names import source_words as source_words
+from posture_opt.uncertainty.sources.sources import source_size as source_size
+from posture_opt.uncertainty.sources.sources import source_words as source_words
 from posture_opt.units import fixed
 
 Vector: TypeAlias = Sequence[float] | NDArray[np.float64]

@@ -27,7 +27,7 @@ from posture_opt.selection.search.engine import Confirmation, Engine
 from posture_opt.selection.solvers import Ends
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
 from posture_opt.uncertainty.regions.regions import deviation
-from posture_opt.uncertainty.sources.workpiece import of_workpiece, relative_twist, stated_name
+from posture_opt.uncertainty.sources.sources import of_workpiece, relative_twist, stated_name
 
 _LEAST_MULTIPLIER = 1e-5  # of the scaled objective: what is worth less changes no digit that is stated
 _STEPS = {"rad": math.radians(1.0), "m": 1e-3}  # by which people loosen a requirement: a degree, a millimetre

@@ -24,7 +24,7 @@ from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.engine import UNCONFIRMED_JSON, Confirmation, joined_confirmation
 from posture_opt.selection.tasks.workpiece import Combine
 from posture_opt.statements import Statement
-from posture_opt.uncertainty.sources.workpiece import ANGLE, FEATURE, POSITION, stated_name
+from posture_opt.uncertainty.sources.sources import ANGLE, FEATURE, POSITION, stated_name
 from posture_opt.uncertainty.spread.success_of_all import JointSuccess, PlaceErrors, success_of_all
 
 

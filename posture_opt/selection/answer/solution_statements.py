@@ -19,7 +19,7 @@ from posture_opt.selection.search.engine import Confirmation
 from posture_opt.selection.tasks.workpiece import WORKPIECE
 from posture_opt.statements import Quantity, Statement, Value, state
 from posture_opt.statements.notation import place, shift
-from posture_opt.uncertainty.sources.source_names import source_size
+from posture_opt.uncertainty.sources.sources import source_size
 from posture_opt.uncertainty.spread.joint_digits import readable_posture
 from posture_opt.units import joint_text
 

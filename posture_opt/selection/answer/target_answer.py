@@ -29,7 +29,7 @@ from posture_opt.uncertainty.regions.critical import Critical
 from posture_opt.uncertainty.regions.regions import Ellipsoid
 from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.uncertainty.spread.budget import Share
-from posture_opt.uncertainty.spread.orientation import Orientation
+from posture_opt.uncertainty.spread.peg_spread import Orientation
 from posture_opt.uncertainty.spread.spread import Spread, budget_json, groups_json, relative_spread
 from posture_opt.uncertainty.spread.task_spread import TaskSpread, sigma_along
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from posture_opt.errors import InputError, Issue, NoSolutionError, SolverError
 from posture_opt.interrupts import interruptible
-from posture_opt.model.reach_bound import stretched
+from posture_opt.model.chain import stretched
 from posture_opt.numerics import Array, Progress
 from posture_opt.selection.answer.selector import PostureSelector
 from posture_opt.selection.answer.solution import Solution

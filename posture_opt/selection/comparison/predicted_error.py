@@ -13,8 +13,7 @@ from posture_opt.numerics import TURN, Array
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.problem_data import ProblemData
-from posture_opt.uncertainty.regions.clearance import within_clearance
-from posture_opt.uncertainty.regions.coverage_radius import coverage_radius
+from posture_opt.uncertainty.regions.clearance import coverage_radius, within_clearance
 from posture_opt.uncertainty.regions.regions import deviation
 from posture_opt.uncertainty.spread.spread import relative_spread
 from posture_opt.uncertainty.spread.spread_parts import SpreadParts, spread_parts

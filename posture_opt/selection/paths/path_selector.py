@@ -272,7 +272,7 @@ class PathSelector(DerivedAgain):
         placed_problem, sampled = self.problem.with_workpiece_at(self.w), Sampled.none(problem.robot)
         points = []
         for target, q, count in zip(targets, motion.Q, counts, strict=True):
-            counted = SearchStatistics(count, count, 0, 0, 0, 0, sampled, None, math.nan, 1, 0, seconds)
+            counted = SearchStatistics(count, count, 0, sampled, seconds)
             points.append(Solution(placed_problem, problem, target, status, q, counted, none, notes, tuple(reasons)))
         placement = Placement(self.placement.lower, self.placement.upper, self.w)
         placed = None if self.task.workpiece is None else placement

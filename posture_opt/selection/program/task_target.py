@@ -15,8 +15,7 @@ import numpy as np
 
 from posture_opt.errors import InputError, Issue
 from posture_opt.model.arm import Arm
-from posture_opt.model.chain import Scalar
-from posture_opt.model.reach_bound import Shell
+from posture_opt.model.chain import Scalar, Shell
 from posture_opt.numerics import Array
 from posture_opt.robot.posture import drawn_between
 from posture_opt.selection.tasks import Task
