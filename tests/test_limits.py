@@ -81,11 +81,10 @@ def pixels(count: int) -> None:
 
 
 def board_points(count: int) -> None:
-    from pathlib import Path
 
-    from posture_opt.cli.request import detected
+    from posture_opt.measurements.board_detection import Board
 
-    detected([Path("0.png")], f"grid:2x{count}:25mm", None, "left", "board", "5X5_1000")
+    Board.of(f"grid:2x{count}:25mm", "5X5_1000")
 
 
 def rows_of(count: int) -> Any:

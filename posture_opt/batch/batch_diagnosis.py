@@ -14,7 +14,7 @@ from posture_opt.diagnosis.diagnosis_statements import uneven_statements
 from posture_opt.diagnosis.noise.noise_causes import noise_samples
 from posture_opt.diagnosis.noise.uneven_noise import NoiseCause, NoiseSample, UnevenErrors, find_uneven_noise
 from posture_opt.diagnosis.scores import levels
-from posture_opt.diagnosis.search.linearised_data import linearise_calibration
+from posture_opt.diagnosis.scores.candidates import linearise_calibration
 from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.effects import CorrelatedLengths

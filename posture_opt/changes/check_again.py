@@ -22,7 +22,7 @@ from posture_opt.selection.problem_data import FittedArm, ProblemData
 
 
 def changed_problem(problem: ProblemData, change: PossibleChange, estimate: Mapping[str, float]) -> ProblemData:
-    """The same problem with the parameters of a change off by ``estimate`` [rad, m or SI of the effect]."""
+    """Copy of a problem with the parameters of a change off by ``estimate`` [rad, m or SI of the effect]."""
     header = (f"Rechecked: {change.kind} of {change.target} is as new measurements have it, all else as it was.",)
     if change.effect is None:
         return problem.with_fit(FittedArm("", dict(estimate), header=header))
@@ -66,7 +66,6 @@ def without_gross_rows(rows: NewRows) -> tuple[Hypotheses, Codes]:
 
 
 def _suspects(models: Hypotheses, kept: Codes) -> Codes:
-    """The eight rows with the largest errors beside the likeliest single change."""
     best = int(np.argmax(models.log_singles))
     own, estimate = models.own[best][0], models.estimates()[best]
     left = own.r + own.A[:, own.columns(models.changes[best])] @ estimate.mean

@@ -71,7 +71,7 @@ PRIOR = {"unchanged": 0.6, "one": 0.3, "two": 0.07, "unexplained": 0.03, "gross"
 LOG_SIZES = log_normalised(-np.log(np.maximum(SIZES_M / 0.25e-3, 1.0)))
 LOG_LEVELS = log_normalised(-0.5 * (np.log(NOISE_LEVELS) / NOISE_SPREAD) ** 2)
 # Noise over what is stated where the rows err in a way that no change makes.
-_UNEXPLAINED_LEVELS = 2.0 ** np.arange(1, 9)
+_UNEXPLAINED_LEVELS = np.asarray(2.0 ** np.arange(1, 9), dtype=float)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +89,6 @@ class Hypotheses:
 
     @classmethod
     def of(cls, rows: NewRows) -> Hypotheses:
-        """From rows and what may have changed on them."""
         gaussian = GaussianRows.of(rows.r, rows.P, rows.A)
         forms = tuple(form for form in (tuple(Form.of(rows, change)) for change in rows.moving) if form)
         found = cls(rows, gaussian, forms, ((rows, gaussian),) * len(forms))
@@ -101,6 +100,7 @@ class Hypotheses:
         return found
 
     def _closer(self, index: int) -> tuple[NewRows, GaussianRows]:
+        """The rows linearised about the estimate of a change; as they are, where the tangent serves there."""
         own, _ = self.own[index]
         x = self.rows.x.copy()
         x[self.rows.columns(self.changes[index])] += self._estimate(index).mean
@@ -132,7 +132,8 @@ class Hypotheses:
         """Of each change (F, L, S) its log evidence by form, noise level and size, their prior included."""
         found = []
         for index, forms in enumerate(self.forms):
-            gains = [[self.sized(index, f, k).log_gains(f.sizes) for k in range(len(NOISE_LEVELS))] for f in forms]
+            each = [[self.sized(index, f, k).spectrum for k in range(len(NOISE_LEVELS))] for f in forms]
+            gains = [[log_gains(v, z, f.sizes) for v, _, z in own] for own, f in zip(each, forms, strict=True)]
             prior = self.own[index][1].densities + LOG_LEVELS - np.log(len(forms))
             found.append(np.array(gains) + prior[None, :, None] + LOG_SIZES)
         return found
@@ -187,10 +188,10 @@ class Hypotheses:
         """(2 + C + pairs,) log of prior times evidence: unchanged, unexplained, one change each, two each."""
         pairs = self.log_pairs
         shares = {pair: 2 * self.weights[pair[0]] * self.weights[pair[1]] for pair in pairs}
-        unexplained = [self.gaussian.log_density(level) for level in _UNEXPLAINED_LEVELS]
+        unexplained = self.gaussian.log_densities(_UNEXPLAINED_LEVELS)
         return np.concatenate([
             [np.log(PRIOR["unchanged"]) + log_sum(self.gaussian.densities + LOG_LEVELS)],
-            [np.log(PRIOR["unexplained"]) + log_sum(np.array(unexplained)) - np.log(len(unexplained))],
+            [np.log(PRIOR["unexplained"]) + log_sum(unexplained) - np.log(len(unexplained))],
             np.log(PRIOR["one"]) + np.log(self.weights) + self.log_singles,
             [np.log(PRIOR["two"]) + np.log(shares[pair]) + pairs[pair] for pair in pairs],
         ])  # fmt: skip
@@ -203,7 +204,6 @@ class Hypotheses:
 
     @cached_property
     def probabilities(self) -> Probabilities:
-        """Of all models after the rows, by Bayes' rule."""
         p, count = np.exp(self._logs - log_sum(self._logs)), len(self.forms)
         two = dict(zip(self.log_pairs, p[2 + count :].tolist(), strict=True))
         return Probabilities(float(p[0]), float(p[1]), p[2 : 2 + count], two)
@@ -284,7 +284,6 @@ class Probabilities:
 
     @property
     def one(self) -> float:
-        """Exactly one thing changed."""
         return float(np.sum(self.singles))
 
     @property
@@ -326,7 +325,6 @@ class Visibility:
 
     @property
     def name(self) -> str:
-        """The name of the change."""
         return change_name(self.kind, self.target)
 
     @property
@@ -335,7 +333,6 @@ class Visibility:
         return not (self.unit == "rad" and math.pi < self.size < math.inf)
 
     def to_json(self) -> dict[str, Json]:
-        """The entry of the document."""
         return {
             "kind": self.kind, "target": self.target, "power": self.power, "shift": finite_or_none(self.shift),
             "size": finite_or_none(self.size), "unit": self.unit,
@@ -343,7 +340,6 @@ class Visibility:
 
 
 def visibilities(models: Hypotheses) -> tuple[Visibility, ...]:
-    """Of every change, by its simplest form and the same random draws."""
     draws, found = np.random.default_rng(0).standard_normal((400, 6)), []
     for index, change in enumerate(models.changes):
         shift, single = _visible_motion(models, index, draws), len(change.parameters) == 1

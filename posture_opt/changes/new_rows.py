@@ -48,26 +48,22 @@ class GaussianRows:
         rest = max(float(r @ r - inside @ inside), 0.0)
         return cls(U.T @ inside, U.T @ R[:, P.shape[1] :], np.maximum(e, 0.0), rest, len(r) - len(inside))
 
-    def log_density(self, level: float) -> float:
-        """``log p(r | θ = 0, k)`` at the noise level k, but for the constant of the dimension."""
-        variance = level**2 + self.e
-        inside = np.sum(self.r**2 / variance + np.log(variance))
-        return -0.5 * float(inside + self.rest / level**2 + self.freedom * np.log(level**2))
-
-    def normal_equations(self, level: float) -> tuple[Array, Array]:
-        """``Aᵀ S⁻¹ A`` (K, K) and ``−Aᵀ S⁻¹ r`` (K,) under ``S = k² I + P Pᵀ``."""
-        weighted = self.A / (level**2 + self.e)[:, None]
-        return weighted.T @ self.A, -weighted.T @ self.r
+    def log_densities(self, levels: Array) -> Array:
+        """(L,) ``log p(r | θ = 0, k)`` at noise levels k (L,), but for the constant of the dimension."""
+        variance = levels[:, None] ** 2 + self.e
+        inside = np.sum(self.r**2 / variance + np.log(variance), axis=1)
+        return np.asarray(-0.5 * (inside + self.rest / levels**2 + self.freedom * np.log(levels**2)))
 
     @cached_property
     def densities(self) -> Array:
-        """(L,) log density of the rows with nothing changed, at each noise level."""
-        return np.array([self.log_density(level) for level in NOISE_LEVELS])
+        """(L,) at each noise level."""
+        return self.log_densities(NOISE_LEVELS)
 
     @cached_property
     def normal(self) -> list[tuple[Array, Array]]:
-        """Normal equations at each noise level."""
-        return [self.normal_equations(level) for level in NOISE_LEVELS]
+        """``Aᵀ S⁻¹ A`` (K, K) and ``−Aᵀ S⁻¹ r`` (K,) under ``S = k² I + P Pᵀ``, at each noise level k."""
+        weighted = [self.A / (level**2 + self.e)[:, None] for level in NOISE_LEVELS]
+        return [(W.T @ self.A, -W.T @ self.r) for W in weighted]
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,11 +103,6 @@ class SizedChange:
         """(p,) eigenvalues of G, (p, p) its eigenvectors, (p,) b in them."""
         values, V = np.linalg.eigh(self.G)
         return np.maximum(values, 0.0), V, V.T @ self.b
-
-    def log_gains(self, sizes: Array) -> Array:
-        """(S,) ``log p(r | s) − log p(r | θ = 0)`` at sizes s (S,) [m]."""
-        values, _, z = self.spectrum
-        return log_gains(values, z, sizes)
 
     def estimate(self, size: float) -> Estimate:
         """Mean and covariance of t at one size [m]."""
@@ -213,7 +204,6 @@ class NewRows:
         return _whitened(self.noise, self.residuals.whitened(x))
 
     def take(self, kept: Codes) -> NewRows:
-        """Some of the rows, against the frames that all of them gave."""
         return replace(self, residuals=self.residuals.take(kept), noise=self.noise[kept])._at(self.x)
 
     def with_free(self, x: Array) -> Array:
@@ -225,7 +215,6 @@ class NewRows:
         return x
 
     def columns(self, change: PossibleChange) -> list[int]:
-        """Places of the parameters of a change in ``A``."""
         place = {p.name: i for i, p in enumerate(self.residuals.parameters)}
         return [place[p.name] for p in change.parameters]
 

@@ -43,22 +43,18 @@ class LikelyChange:
 
     @property
     def kind(self) -> str:
-        """``tool_frame``, ``base_frame``, ``joint_offset``, ``link``, ``backlash`` or ``joint_compliance``."""
         return self.possible.kind
 
     @property
     def target(self) -> str:
-        """``tool``, ``base``, a joint, or a length or twist of a link: ``elbow.a``."""
         return self.possible.target
 
     @property
     def name(self) -> str:
-        """The name of the change: "zero of elbow"."""
         return change_name(self.kind, self.target)
 
     @property
     def sizes(self) -> tuple[Quantity, ...]:
-        """How large it is: its one parameter; of a frame the length of its shift, and its turn where it is found."""
         mean, covariance = self.estimate.mean, self.estimate.covariance
         if len(mean) == 1:
             unit, effect = self.possible.parameters[0].unit, self.possible.effect
@@ -84,7 +80,6 @@ class LikelyChange:
         return {p.name.rpartition(".")[2]: (mean, s, p.unit) for p, mean, s in rows if s > 0}
 
     def to_json(self) -> dict[str, Json]:
-        """The entry of ``changes``."""
         return {
             "kind": self.kind,
             "target": self.target,
@@ -216,7 +211,6 @@ class Recheck(Result):
 
 
 def recheck_statements(found: Recheck) -> Iterator[Statement]:
-    """The verdict, the rows that were left out, errors, rivals, what to look at or could be detected."""
     yield _verdict(found)
     for row in found.gross:
         yield state("changes.gross-row", str(row.line), error=Quantity(row.error))
@@ -231,7 +225,6 @@ def recheck_statements(found: Recheck) -> Iterator[Statement]:
 
 
 def _verdict(found: Recheck) -> Statement:
-    """What changed, with its probability and the condition of that."""
     first, either = found.changes[0], (found.changes[0], *found.shared)
     several = Quantity(found.probabilities.several, "share")
     if found.verdict == "unchanged":
@@ -261,7 +254,6 @@ def _errors(found: Recheck) -> Iterator[Statement]:
 
 
 def _alternatives(found: Recheck) -> Iterator[Statement]:
-    """What acts like the one change, its rivals, and what to look at on the arm."""
     first, either = found.changes[0], (found.changes[0], *found.shared)
     if not found.shared:
         if first.possible.alike:

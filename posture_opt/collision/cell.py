@@ -28,9 +28,6 @@ from posture_opt.units import Length
 
 MOUNTING_PLANE = "mounting plane"
 """Name of the plane in reports and rows; no obstacle may have it."""
-_BELOW_BASE_M = 5e-3
-"""Links of unknown shape that end deeper [m] below the xy plane of the base are worth a sentence: a base that
-measurements found leans by some mrad, 5 mm at the end of an arm."""
 
 
 class MountingSpec(WordOrSection):
@@ -71,17 +68,13 @@ class Mounting:
 
     def statement(self, depth: float) -> Statement | None:
         """Its statement where it is assumed; ``depth`` [m] of the arm below it."""
+        place = f"{stated_length(self.below)} below the base frame" if self.below else "at its base"
         if self.dropped:
-            return state("collision.mounting-dropped", depth=Quantity(depth), place=self._height)
-        return state("collision.mounting-assumed", place=self._height) if self.assumed else None
-
-    @property
-    def _height(self) -> str:
-        return f"{stated_length(self.below)} below the base frame" if self.below else "at its base"
+            return state("collision.mounting-dropped", depth=Quantity(depth), place=place)
+        return state("collision.mounting-assumed", place=place) if self.assumed else None
 
     def to_json(self) -> dict[str, Json]:
-        """The key ``mounting`` of a document."""
-        return {"below": self.below, "assumed": self.assumed, "dropped": self.dropped}
+        return dict(vars(self))
 
 
 def base_frame(robot: Robot) -> tuple[Array, Array]:
@@ -93,10 +86,10 @@ def base_frame(robot: Robot) -> tuple[Array, Array]:
 def below_base(placed: PlacedCapsules, Q: Array) -> Statement | None:
     """Which link's end lies lowest below the base's xy plane at Q (N, n); None where tool or first link do too."""
     origin, normal = base_frame(placed.robot)
-    heights = (placed.origins(Q) - origin) @ normal
-    least = heights.min(axis=0)
+    least = ((placed.origins(Q) - origin) @ normal).min(axis=0)
     lowest = int(np.argmin(least[1:-1]))
-    if least[lowest + 1] > -_BELOW_BASE_M or min(least[1], least[-1]) < -_BELOW_BASE_M:
+    # A base that measurements found leans by some mrad, 5 mm at the end of an arm.
+    if least[lowest + 1] > -5e-3 or min(least[1], least[-1]) < -5e-3:
         return None
     return state("collision.link-below-base", placed.robot.joint_names[lowest], depth=Quantity(-least[lowest + 1]))
 
@@ -105,12 +98,12 @@ def carries(robot: Robot, obstacle: Obstacle) -> bool:
     """Whether an obstacle is the floor or the table that the arm stands on: below its foot, and level or near."""
     origin, normal = base_frame(robot)
     foot = origin - robot.mounting_below * normal
-    # what rises higher stands beside the arm and carries nothing
+    # What rises higher stands beside the arm and carries nothing.
     if obstacle.extent(normal) > float(normal @ foot) + 0.05:
         return False
     if isinstance(obstacle, HalfSpace):
         return float(np.dot(obstacle.unit_normal, normal)) > 0.99  # 8 deg
-    # feet of arms of up to 30 kg are up to 0.22 m wide
+    # Feet of arms of up to 30 kg are up to 0.22 m wide.
     return float(obstacle.distance(foot[None], foot[None])[0]) <= 0.25
 
 

@@ -283,7 +283,7 @@ C_TEXT = SIGNED_DISTANCE_C + (
     .replace("TINY", repr(LEAST_LENGTH_M))
     .replace("PARALLEL", repr(PARALLEL))
 )
-"""C text of ``po_scene`` and its functions, after `posture_opt.model.row_loop`, around a function ``frames``."""
+"""C text of ``po_scene`` and its functions, after `posture_opt.model.compiled`, around a function ``frames``."""
 
 
 _LOOP = (

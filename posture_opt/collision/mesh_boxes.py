@@ -178,15 +178,11 @@ class _Cell:
 
     def halves(self) -> tuple[_Cell, _Cell]:
         """Both sides of the largest flat face across an axis inside it, else of the middle of its longest edge."""
-        axis, at = self._largest_step() or self._middle()
+        longest = int(np.argmax(self.high - self.low))
+        axis, at = self._largest_step() or (longest, float(self.low[longest] + self.high[longest]) / 2)
         below, above = _halves(self.triangles, axis, at)
         between = np.where(np.arange(3) == axis, at, self.high), np.where(np.arange(3) == axis, at, self.low)
         return _Cell(self.low, between[0], below), _Cell(between[1], self.high, above)
-
-    def _middle(self) -> tuple[int, float]:
-        """Axis and middle [m] of its longest edge."""
-        axis = int(np.argmax(self.high - self.low))
-        return axis, float(self.low[axis] + self.high[axis]) / 2
 
     def _largest_step(self) -> tuple[int, float] | None:
         """Axis and place [m] of the largest flat face across an axis that is not on its boundary."""
@@ -215,14 +211,15 @@ _CORNERS = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)],
 
 def _boxes(triangles: Array, most: int) -> list[Corners]:
     """At most ``most`` boxes along the axes about the solid that triangles (f, 3, 3) bound [m]."""
+    # What a cell holds of the solid lies in the box about its surface and those of its corners that are inside; a cell
+    # without surface is inside as a whole, or empty.
     cells = [_Cell(*_corners(triangles), triangles)]
     while len(cells) < 250:
         cells.sort(key=lambda cell: cell.weight)
         if cells[-1].weight == 0 or float(np.max(cells[-1].high - cells[-1].low)) < 2 * _MIN_EDGE_M:
             break
         cells += cells.pop().halves()
-    # A corner on the surface counts where it is inside as seen from the cell.
-    # of the way to the middle
+    # A corner on the surface counts where it is inside as seen from the cell: moved a little to its middle.
     nudged = [cell.corners + 1e-3 * ((cell.low + cell.high) / 2 - cell.corners) for cell in cells]
     inside = winding(np.concatenate(nudged), triangles).reshape(-1, 8) > 0.5
     middles = winding(np.array([(cell.low + cell.high) / 2 for cell in cells]), triangles) > 0.5

@@ -21,7 +21,6 @@ class Nearest(NamedTuple):
     between: tuple[str, str]  # two joints, or a joint and an obstacle
 
     def to_json(self) -> dict[str, Json]:
-        """Distance and names."""
         return {"distance": self.distance, "between": list(self.between)}
 
 
@@ -33,21 +32,17 @@ class Clearance(NamedTuple):
 
     @property
     def nearest(self) -> Nearest:
-        """The least of both."""
         return min((part for part in self if part is not None), key=lambda part: part.distance)
 
     @property
     def distance(self) -> float:
-        """The least distance [m]."""
         return self.nearest.distance
 
     @property
     def between(self) -> tuple[str, str]:
-        """Where that is."""
         return self.nearest.between
 
     def to_json(self) -> dict[str, Json]:
-        """The key ``clearance`` of a document."""
         parts = {"cell": self.cell, "self": self.own}
         return {**self.nearest.to_json(), **{key: part and part.to_json() for key, part in parts.items()}}
 
@@ -67,13 +62,11 @@ class Checked(NamedTuple):
 def checked_pairs(distances: Array, clearance: float, still: Mask, joined: bool = True) -> Checked:
     """Pairs that are ever apart, from distances (N, k) [m]; ``still`` ones keep at most the median, in whole mm."""
     overlapping = still & joined & (distances < 0).all(axis=0)
-    # what the bounds of a solver are up to below the true distance
+    # A solver's bounds are up to 1 mm below the true distance.
     usual = np.floor((np.median(distances, axis=0) - 1e-3) * 1e3) / 1e3
     required = np.where(still, np.clip(usual, 0.0, clearance), clearance)
-    chosen = np.flatnonzero(~overlapping)
-    return Checked(
-        tuple(chosen.tolist()), tuple(required[chosen].tolist()), tuple(np.flatnonzero(overlapping).tolist())
-    )
+    chosen, left_out = np.flatnonzero(~overlapping), np.flatnonzero(overlapping)
+    return Checked(tuple(chosen.tolist()), tuple(required[chosen].tolist()), tuple(left_out.tolist()))
 
 
 def apart_pairs(placed: PlacedCapsules) -> tuple[Pair, ...]:
@@ -85,7 +78,7 @@ def apart_pairs(placed: PlacedCapsules) -> tuple[Pair, ...]:
         (i, j) if bodies[i] < bodies[j] else (j, i)
         for i in count
         for j in count[:i]
-        if _not_adjacent(bodies, i, j) and frozenset((owners[i], owners[j])) not in allowed
+        if abs(bodies[i] - bodies[j]) > 1 and frozenset((owners[i], owners[j])) not in allowed
     )
 
 
@@ -93,7 +86,7 @@ def checked_own(placed: PlacedCapsules, pairs: Sequence[Pair], clearance: float,
     """Checked pairs of one arm; ``assumed`` (c,) parts of radii [m] may overlap."""
     if not pairs:
         return Checked((), (), ())
-    # a median is then known to 1.6 % of them
+    # A median of 1000 is known to 1.6 % of them.
     found = own_distances(placed, *placed.segments(random_postures(placed, 1000)), pairs)
     more = assumed[np.array(pairs)].sum(axis=1)
     checked = checked_pairs(found + more, clearance, np.ones(len(pairs), dtype=bool))
@@ -106,9 +99,8 @@ def own_distances(placed: PlacedCapsules, start: Array, end: Array, pairs: Seque
     step = max(8000 // len(pairs), 1)  # of more, the arrays of vectors leave the cache
     blocks = [slice(k, k + step) for k in range(0, len(start), step)]
     between = [to_segment(start[b][:, first], end[b][:, first], start[b][:, second], end[b][:, second]) for b in blocks]
-    return np.asarray(
-        np.concatenate([*between, np.zeros((0, len(pairs)))]) - placed.radii[first] - placed.radii[second]
-    )
+    every = np.concatenate([*between, np.zeros((0, len(pairs)))])
+    return np.asarray(every - placed.radii[first] - placed.radii[second])
 
 
 def checked_against(
@@ -119,13 +111,13 @@ def checked_against(
         return Checked((), (), ())
     start, end = placed.segments(random_postures(placed, 1000))
     away = obstacle_distances(placed, obstacle, start, end, moving)
-    # the first link turns on what the arm is mounted on; what varies by less than 50 mm belongs to the mount
+    # The first link turns on what the arm is mounted on; what varies by less than 50 mm belongs to the mount.
     still = (np.array([placed.bodies[k] for k in moving]) == 1) | (np.ptp(away, axis=0) <= 0.05)
     return checked_pairs(away, clearance, still, carries)
 
 
 def moving_capsules(placed: PlacedCapsules, behind: int = 0) -> tuple[int, ...]:
-    """Indices of the capsules of bodies behind the one of this number; 0 is the base, 1 the first link."""
+    """Indices of capsules of bodies behind that number; 0 is the base, 1 the first link."""
     return tuple(k for k, body in enumerate(placed.bodies) if body > behind)
 
 
@@ -135,10 +127,6 @@ def obstacle_distances(
     """(N, k) distance of chosen segments (N, c, 3), (N, c, 3) [m] to an obstacle less radii, world."""
     columns = list(chosen)
     return obstacle.distance(start[:, columns], end[:, columns]) - placed.radii[columns]
-
-
-def _not_adjacent(bodies: Sequence[int], i: int, j: int) -> bool:
-    return abs(bodies[i] - bodies[j]) > 1
 
 
 def random_postures(placed: PlacedCapsules, count: int) -> Array:

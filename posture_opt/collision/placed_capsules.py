@@ -12,8 +12,7 @@ import numpy as np
 from posture_opt.model.chain import Walk, add, factor_values, scale, stack, walk
 from posture_opt.model.compiled import BatchFunction
 from posture_opt.numerics import Array
-from posture_opt.robot.robot import Factor, Robot
-from posture_opt.robot.shape import BASE, TOOL, Capsule
+from posture_opt.robot.robot import BASE, TOOL, Capsule, Factor, Robot
 
 Placed = tuple[ca.SX, ca.SX]
 """(3,) the start of the segment of a capsule, and the vector to its end [m]."""

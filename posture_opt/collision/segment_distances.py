@@ -1,4 +1,4 @@
-"""Exact distances of segments to solids, many at once; zero where they enter, negative below a half-space."""
+"""Exact distances of segments to points, segments and solids, many at once; zero where they enter."""
 
 from __future__ import annotations
 
@@ -35,11 +35,6 @@ def to_segment(start: Array, end: Array, other_start: Array, other_end: Array) -
     s, t = np.where(inside, s, 0.0), np.where(inside, t, 0.0)
     across = np.linalg.norm(w + s[..., None] * u - t[..., None] * v, axis=-1)
     return np.asarray(np.minimum(np.min(np.broadcast_arrays(*ends), axis=0), np.where(inside, across, np.inf)))
-
-
-def to_half_space(start: Array, end: Array, normal: Array, offset: float) -> Array:
-    """(...) least height of segments (..., 3) over ``normal · x = offset`` [m]; negative below it."""
-    return np.asarray(np.minimum(start @ normal, end @ normal) - offset)
 
 
 def to_box(start: Array, end: Array, half: Array) -> Array:

@@ -1,14 +1,4 @@
-"""Smooth lower bounds of the distance of a capsule to a solid, as expressions for a nonlinear program.
-
-The least squared distance of a segment ``a + s u`` to a convex solid is that of a convex function of the share s, but
-its gradient jumps where the segment is parallel to a face or to another segment. So ``ε s (s − 1) ≤ 0`` is added before
-the least is taken: the sum has one minimiser, its least value is differentiable (Danskin 1967), never above the true
-one, and below it by ``ε/4`` at most for each share. `BOUND_SLACK_M` says what that may cost of the distance.
-
-Minimisers are found without a derivative. With the derivative ``g`` and the second derivative ``h`` of the function
-along the segment, ``F − g²/2h`` is the least value, as g is zero there; and its first and second derivatives in the
-joint values are those of the least value too, with far fewer operations than through the minimiser.
-"""
+"""Smooth lower bounds of the distance of a capsule to a solid, as expressions for a nonlinear program."""
 
 from __future__ import annotations
 
@@ -54,13 +44,6 @@ def point_bound(start: ca.SX, along: ca.SX, length: float, point: Sequence[float
     s = _settled(_clipped_share(-ca.dot(along, w) / size))
     nearest = w + s * along
     return _bounded_root(_least_value(ca.sumsqr(nearest), s, ca.dot(nearest, along), ca.SX(size))) - radius
-
-
-def half_space_bounds(start: ca.SX, along: ca.SX, normal: Sequence[float], offset: float, radius: float) -> list[ca.SX]:
-    """Heights of a capsule's ends over ``normal · x = offset`` [m]; one where they are the same."""
-    n = ca.DM(list(normal))
-    ends = [start, start + along] if not along.is_zero() else [start]
-    return [ca.dot(n, end) - offset - radius for end in ends]
 
 
 def box_bound(start: ca.SX, along: ca.SX, half: Sequence[float], radius: float) -> ca.SX:
@@ -120,7 +103,7 @@ def cylinder_bound(start: ca.SX, along: ca.SX, size: float, half: float, radius:
         s = ca.if_else((newton < low) + (newton > high), (low + high) / 2, newton)
     s = _settled(s)
     over, above, slope, curvature = parts(s)
-    squared = over**2 + above**2 + eps * s * (s - 1) - _settled_up(_is_inside(s) * slope**2 * (1 / eps - 1 / curvature))
+    squared = over**2 + above**2 + eps * s * (s - 1) + _settled(-_is_inside(s) * slope**2 * (1 / eps - 1 / curvature))
     return _bounded_root(_least_value(squared, s, slope, curvature)) - radius
 
 
@@ -128,14 +111,10 @@ def soft_minimum(distances: Sequence[ca.SX]) -> ca.SX:
     """``min(a, b) ≥ (a + b − √((a − b)² + δ²))/2`` pair by pair: at most ``½ δ ⌈log₂ k⌉`` below the least of k [m]."""
     level = list(distances)
     while len(level) > 1:
-        paired = [_soft_minimum_of_two(level[k], level[k + 1]) for k in range(0, len(level) - 1, 2)]
+        pairs = [(level[k], level[k + 1]) for k in range(0, len(level) - 1, 2)]
+        paired = [(a + b - ca.sqrt((a - b) ** 2 + SOFT_MINIMUM_WIDTH_M**2)) / 2 for a, b in pairs]
         level = paired + level[len(level) - len(level) % 2 :]
     return level[0]
-
-
-def _soft_minimum_of_two(a: ca.SX, b: ca.SX) -> ca.SX:
-    """``(a + b − √((a − b)² + δ²))/2`` [m]."""
-    return (a + b - ca.sqrt((a - b) ** 2 + SOFT_MINIMUM_WIDTH_M**2)) / 2
 
 
 def _bounded_root(squared: ca.SX) -> ca.SX:
@@ -149,10 +128,6 @@ def _clipped_share(share: ca.SX) -> ca.SX:
 
 def _settled(value: ca.SX) -> ca.SX:
     return ca.floor(value * _SETTLED_SCALE) / _SETTLED_SCALE
-
-
-def _settled_up(value: ca.SX) -> ca.SX:
-    return -ca.floor(-value * _SETTLED_SCALE) / _SETTLED_SCALE
 
 
 def _is_inside(share: ca.SX) -> ca.SX:

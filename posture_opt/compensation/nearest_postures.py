@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from posture_opt.model.arm import Arm
-from posture_opt.model.reach_bound import stretched
+from posture_opt.model.chain import stretched
 from posture_opt.numerics import Array, Mask
 from posture_opt.robot.posture import drawn_between
 from posture_opt.robot.robot import Robot
@@ -34,20 +34,17 @@ class Poses:
 
     def repeated(self, count: int) -> Poses:
         """One pose ``count`` times, to be compared with as many postures."""
-        rotation, axis = (
-            None if given is None else np.repeat(given, count, axis=0) for given in (self.rotation, self.axis)
-        )
+        given = self.rotation, self.axis
+        rotation, axis = (None if one is None else np.repeat(one, count, axis=0) for one in given)
         return Poses(np.repeat(self.position, count, axis=0), rotation, axis, self.tool_axis)
 
 
 @dataclass(frozen=True, eq=False)
 class Misses:
-    """What N postures miss of their poses: wanted minus reached."""
+    """Wanted minus reached poses of N postures."""
 
     position: Array  # (N, 3) of the tool point [m], world
-    # (N, 3) rotation vectors [rad], world, that turn the reached orientation into the wanted one; where the tool axis
-    # alone is held, those that turn it
-    rotation: Array
+    rotation: Array  # (N, 3) vectors [rad], world, that turn the reached orientation, or tool axis, into the wanted one
 
 
 class NearestPostures:
@@ -77,8 +74,7 @@ class NearestPostures:
 
     def misses(self, q: Array, wanted: Poses) -> Misses:
         """What postures (N, n) [rad or m] miss of N wanted poses."""
-        T = np.asarray(self._arm.pose(q), dtype=float)
-        return pose_misses(T, wanted)
+        return pose_misses(np.asarray(self._arm.pose(q), dtype=float), wanted)
 
     def solve(self, wanted: Poses, near: Array, start: Array | None = None) -> Array:
         """``min |q − near|²`` with ``f(q) = pose`` and limits (N, n) [rad or m]; rows that diverge are fitted one by
@@ -86,7 +82,7 @@ class NearestPostures:
         q, beyond = self.followed(wanted, near, start), self.beyond(wanted)
         for row in np.flatnonzero(~self.reached(q, wanted)):
             one = wanted.take(np.arange(len(q)) == row)
-            # a reachable pose takes 10 to 30 evaluations; of others a fit only says by how much it fails
+            # A reachable pose takes 10 to 30 evaluations; of others a fit only says by how much it fails.
             q[row] = self._fitted_posture(one, q[row], 15 if beyond[row] else 100)
         return q
 
@@ -107,10 +103,10 @@ class NearestPostures:
         for _ in range(80):
             step = self._step(q[open_rows], wanted.take(open_rows), near[open_rows])
             longest = np.abs(step).max(axis=1, initial=0.0)
-            # rad or m: longer steps of a linear model of a rotation mean nothing
+            # Longer steps [rad or m] of a linear model of a rotation mean nothing.
             step *= np.minimum(1.0, 0.3 / np.maximum(longest, 1e-300))[:, None]
             q[open_rows] = np.clip(q[open_rows] + step, self._lower, self._upper)
-            # rad or m: rounding, where the Jacobian is poor
+            # Less [rad or m] is rounding, where the Jacobian is poor.
             open_rows[np.flatnonzero(open_rows)[longest < 1e-11]] = False
             if not open_rows.any():
                 break
@@ -157,7 +153,9 @@ class NearestPostures:
         if wanted.rotation is not None:
             parts.append((J[:, 3:], left.rotation, min(self.turns, 3)))
         elif wanted.axis is not None:
-            parts.append((_across(wanted.axis) @ J[:, 3:], left.rotation, min(self.turns, 2)))
+            # Projectors across the axes; an axis of NaN holds nothing.
+            across = np.nan_to_num(np.eye(3) - wanted.axis[:, :, None] * wanted.axis[:, None, :], nan=0.0)
+            parts.append((across @ J[:, 3:], left.rotation, min(self.turns, 2)))
         free, held = np.ones_like(q), np.zeros_like(q)
         step = held
         for _ in range(self.robot.n):
@@ -195,12 +193,6 @@ def _turns_between(reached: Array, wanted: Array) -> Array:
     sine = np.linalg.norm(across, axis=1)
     angle = np.arctan2(sine, cosine)
     return np.asarray(across * np.divide(angle, sine, out=np.ones_like(sine), where=sine > 0)[:, None])
-
-
-def _across(axis: Array) -> Array:
-    """(N, 3, 3) projectors across unit vectors (N, 3); zero for NaN, which holds nothing."""
-    projector = np.eye(3) - axis[:, :, None] * axis[:, None, :]
-    return np.asarray(np.nan_to_num(projector, nan=0.0))
 
 
 def rotation_vectors(R: Array) -> Array:

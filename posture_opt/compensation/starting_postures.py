@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 
 import numpy as np
 
@@ -26,52 +25,7 @@ from posture_opt.selection.select_posture import select_posture
 from posture_opt.selection.tasks import Task
 from posture_opt.statements import Statement, state
 
-Branches = dict[tuple[str, ...], Array]
-"""Name of a configuration -> a posture (n,) in it."""
-
-
-def changes_of(robot: Robot, Q: Array) -> list[int]:
-    """The rows k of postures (N, n) that the arm leaves for row k + 1 in another configuration."""
-    return [k for k, (a, b) in enumerate(pairwise(configurations(robot, Q))) if a != b]
-
-
-def in_fewest_configurations(
-    search: TaskPostures, found: Sequence[Found], p: Array, R: Array | None
-) -> list[Found]:  # fmt: skip
-    """Postures at p (N, 3) [m], R (N, 3, 3) with the fewest changes of configuration; refused ones unchanged."""
-    robot = search.problem.robot
-    rows = [k for k, one in enumerate(found) if not one.reason]
-    named = configurations(robot, np.reshape([found[k].q for k in rows], (-1, robot.n)))
-    if len(set(named)) < 2:
-        return [*found]
-    options = [
-        {**search.branches(p[k], None if R is None else R[k]), name: found[k].q}
-        for k, name in zip(rows, named, strict=True)
-    ]
-    best = dict(zip(rows, _way(options), strict=True))
-    return [Found(best[k]) if k in best else one for k, one in enumerate(found)]
-
-
-def _way(options: Sequence[Branches]) -> list[Array]:
-    ways = [(0.0, [(name, q)]) for name, q in options[0].items()]
-    for branches in options[1:]:
-        ways = [
-            min(
-                ((cost + _step(way[-1], (name, q)), [*way, (name, q)]) for cost, way in ways),
-                key=lambda found: found[0],
-            )
-            for name, q in branches.items()
-        ]
-    return [q for _, q in min(ways, key=lambda found: found[0])[1]]
-
-
-def _step(a: tuple[tuple[str, ...], Array], b: tuple[tuple[str, ...], Array]) -> float:
-    """What it costs to go from one posture to the next [rad]."""
-    return 1e3 * (a[0] != b[0]) + float(np.abs(a[1] - b[1]).max())  # rad: more than all joints together move
-
-
 _TOOL_AXIS = (0.0, 0.0, 1.0)
-_ALONG_RAD = math.radians(1.0)  # a tool axis that is no farther off the task's direction is meant to be along it
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,15 +39,13 @@ class StartingPostures:
     notes: tuple[Statement, ...] = ()  # what the reader should know of them
 
 
-def starting_postures(
-    problem: ProblemData, solver: NearestPostures, rows: Targets, wanted: Poses
-) -> StartingPostures:  # fmt: skip
+def starting_postures(problem: ProblemData, solver: NearestPostures, rows: Targets, wanted: Poses) -> StartingPostures:
     """Joint values of the file, else postures near the plan of the task."""
     if rows.near is not None:
         aim = wanted if wanted.rotation is not None else _axis_held(problem, wanted, rows.near)
         return StartingPostures(rows.near, rows.near, aim)
     if wanted.rotation is not None and solver.turns < 3:
-        near = searched_postures(problem.nominal, solver, wanted)
+        near = _searched_postures(problem.nominal, solver, wanted)
         return StartingPostures(near, near, wanted)
     return _near_plan(problem, wanted)
 
@@ -111,22 +63,45 @@ def _near_plan(problem: ProblemData, wanted: Poses) -> StartingPostures:
     for row, p in enumerate(wanted.position):
         R = None if wanted.rotation is None else wanted.rotation[row]
         found.append(search.at(p, R, found[-1].q if found else None))
-    found = in_fewest_configurations(search, found, wanted.position, wanted.rotation)
+    found = _in_fewest_configurations(search, found, wanted.position, wanted.rotation)
     kept = np.array([one.q for one in found])
     refused = {row: one.reason for row, one in enumerate(found) if one.reason}
     aim = wanted if wanted.rotation is not None else _axis_held(problem, wanted, kept, as_reached=True)
-    aim = _standing(problem, aim, kept, list(refused))
-    return StartingPostures(NearestPostures(problem.nominal).solve(aim, kept), kept, aim, refused, notes)
-
-
-def _standing(problem: ProblemData, aim: Poses, q: Array, rows: list[int]) -> Poses:
-    """The poses, of some rows those that postures q (N, n) have: nothing is to be solved for what is refused."""
-    T = np.asarray(problem.arm.pose(q), dtype=float)
+    # Nothing is to be solved for what is refused: its poses are those that it has.
+    rows, T = list(refused), np.asarray(problem.arm.pose(kept), dtype=float)
     position, rotation = aim.position.copy(), None if aim.rotation is None else aim.rotation.copy()
     position[rows] = T[rows, :3, 3]
     if rotation is not None:
         rotation[rows] = T[rows, :3, :3]
-    return replace(aim, position=position, rotation=rotation)
+    aim = replace(aim, position=position, rotation=rotation)
+    return StartingPostures(NearestPostures(problem.nominal).solve(aim, kept), kept, aim, refused, notes)
+
+
+def _in_fewest_configurations(search: TaskPostures, found: Sequence[Found], p: Array, R: Array | None) -> list[Found]:
+    """Postures at p (N, 3) [m], R (N, 3, 3) with the fewest changes of configuration, then the least motion."""
+    robot = search.problem.robot
+    rows = [k for k, one in enumerate(found) if not one.reason]
+    named = configurations(robot, np.reshape([found[k].q for k in rows], (-1, robot.n)))
+    if len(set(named)) < 2:
+        return [*found]
+    ways: list[tuple[float, list[tuple[tuple[str, ...], Array]]]] = [(0.0, [])]
+    for k, name in zip(rows, named, strict=True):
+        options = {**search.branches(p[k], None if R is None else R[k]), name: found[k].q}
+        ways = [
+            min(((cost + _step(way, end), [*way, end]) for cost, way in ways), key=lambda one: one[0])
+            for end in options.items()
+        ]
+    _, way = min(ways, key=lambda one: one[0])
+    best = dict(zip(rows, (q for _, q in way), strict=True))
+    return [Found(best[k]) if k in best else one for k, one in enumerate(found)]
+
+
+def _step(way: Sequence[tuple[tuple[str, ...], Array]], end: tuple[tuple[str, ...], Array]) -> float:
+    """Cost of the next posture [rad]: a change of configuration is more than all joints together move."""
+    if not way:
+        return 0.0
+    name, q = way[-1]
+    return 1e3 * (name != end[0]) + float(np.abs(q - end[1]).max())
 
 
 def _axis_held(problem: ProblemData, wanted: Poses, q: Array, *, as_reached: bool = False) -> Poses:
@@ -134,9 +109,9 @@ def _axis_held(problem: ProblemData, wanted: Poses, q: Array, *, as_reached: boo
     task = problem.task
     if task is None or task.axis_request == "free":
         return wanted
-    x, y, z = task.tool_axis
-    size = math.hypot(x, y, z)
-    tool_axis = (x / size, y / size, z / size)
+    size = math.hypot(*task.tool_axis)
+    x, y, z = (component / size for component in task.tool_axis)
+    tool_axis = (x, y, z)
     axis = np.asarray(problem.arm.pose(q), dtype=float)[:, :3, :3] @ np.array(tool_axis)
     if not as_reached:
         axis = _within_tilt(task, axis)
@@ -155,14 +130,12 @@ def _within_tilt(task: Task, axis: Array) -> Array:
     unit = across * np.divide(1.0, sine, out=np.zeros_like(sine), where=sine > 0)[:, None]
     kept = np.minimum(angle, task.tilt)
     held = np.cos(kept)[:, None] * d + np.sin(kept)[:, None] * unit
-    return np.where((angle <= task.tilt + _ALONG_RAD)[:, None], held, np.nan)
+    return np.where((angle <= task.tilt + math.radians(1.0))[:, None], held, np.nan)
 
 
-def searched_postures(drawn: Robot, chain: NearestPostures, wanted: Poses) -> Array:
-    """Postures (N, n) [rad or m] of the nominal arm at poses that ``chain`` reaches, each from the one before or
-    random."""
-    low, high = drawn_between(chain.robot)
-    before = (low + high) / 2
+def _searched_postures(drawn: Robot, chain: NearestPostures, wanted: Poses) -> Array:
+    """Postures (N, n) [rad or m] of the nominal arm at poses that ``chain`` reaches, from those before or random."""
+    before = np.mean(drawn_between(chain.robot), axis=0)
     search = InverseKinematics(Arm(chain.robot), _TOOL_AXIS, chain.directions, None, spun=chain.turns >= 3)
     rng, found = np.random.default_rng(0), []
     for row in range(len(wanted.position)):

@@ -49,7 +49,6 @@ def cause_actions(causes: Sequence[Finding], test: SecondSession | None, touches
 def _action(
     finding: Finding, cycles: tuple[float, float] | None, test: SecondSession | None, touches: bool
 ) -> CauseAction:
-    """The action for one cause; the first reason that applies counts."""
     if not finding.determined:
         return CauseAction("measure", "open_size")
     if not finding.plausible:
@@ -130,12 +129,10 @@ def _of_one_size(one: Finding, other: Finding) -> bool:
 
 
 def numbers_of(found: Diagnosis, findings: Sequence[Finding]) -> tuple[str, ...]:
-    """The numbers of causes in their table, in its order."""
     return tuple(str(k) for k, finding in enumerate(found.effects, 1) if any(finding is one for one in findings))
 
 
 def may_work(found: Diagnosis) -> Iterator[Statement]:
-    """Whether the arm can work on until then, with which commands, and what is looked at before."""
     urgent = [f for f in found.effects if f.plausible and f.cause.urgent]
     bent = found.unbuildable
     if found.overfitted:
@@ -163,7 +160,6 @@ def _may_work_meanwhile(found: Diagnosis) -> Iterator[Statement]:
 
 
 def cause_statements(found: Diagnosis) -> Iterator[Statement]:
-    """What to do about the causes, and what else they could be, with their numbers in the table."""
     if not found.effects:
         return
     actions = list(zip(found.effects, found.actions, strict=True))
@@ -217,7 +213,6 @@ def _at_data(found: Diagnosis, looked_at: Sequence[Finding]) -> Iterator[Stateme
 
 
 def _confusable(found: Diagnosis) -> Iterator[Statement]:
-    """What each cause may be confused with, and the measurement that discriminates them; pairs of one share a line."""
     splits: dict[str, list[str]] = {}
     for finding in found.effects:
         for label, rival in {rival.title_or_words: rival for rival in finding.confounded_with}.items():

@@ -21,11 +21,7 @@ from posture_opt.calibration.second_file import LargeFile
 from posture_opt.calibration.start_up import ScatterChange, StartUp, scatter_change, start_up
 from posture_opt.calibration.weights import Reading
 from posture_opt.diagnosis.cause_statements import CauseAction, cause_actions
-from posture_opt.diagnosis.causes.causes import (
-    Finding,
-    tool_shifts,
-    unknowable_causes,
-)
+from posture_opt.diagnosis.causes.causes import Finding, tool_shifts, unknowable_causes
 from posture_opt.diagnosis.causes.delivered_arm import Delivery, extended_arm
 from posture_opt.diagnosis.causes.geometry_causes import Correction, determined_corrections
 from posture_opt.diagnosis.causes.sessions import Gain, SecondSession
@@ -35,10 +31,9 @@ from posture_opt.diagnosis.measured_goals import MeasuredGoals, measured_goals
 from posture_opt.diagnosis.noise.noise_causes import NoiseFloor, known_sides, sided_joints
 from posture_opt.diagnosis.noise.uneven_noise import RepeatPlan, UnevenErrors, plan_repeats
 from posture_opt.diagnosis.scores import levels
-from posture_opt.diagnosis.scores.candidates import Candidate
+from posture_opt.diagnosis.scores.candidates import Candidate, LinearisedData, linearise_calibration
 from posture_opt.diagnosis.scores.lack_of_fit import Adequacy
 from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent
-from posture_opt.diagnosis.search.linearised_data import LinearisedData, linearise_calibration
 from posture_opt.diagnosis.search.search import SearchResult
 from posture_opt.measurements.repeats import Contrasts, repeat_groups
 from posture_opt.model.effects import Cause, StatedSigma
@@ -416,5 +411,4 @@ def _named(cause: Cause | Candidate) -> dict[str, Json]:
 
 
 def _stated(parts: Mapping[str, Any]) -> dict[str, Json]:
-    """The entries of those parts of a document that there are."""
     return {name: part.to_json() for name, part in parts.items() if part is not None}

@@ -36,7 +36,6 @@ MODELS = ("nominal", "calibrated", "extended")
 
 
 def statements_of(found: Diagnosis) -> Iterator[Statement]:
-    """All statements of a diagnosis, the errors first."""
     calibration, data = found.calibration, found.request.data
     yield _errors(found)
     if found.overfitted:
@@ -79,7 +78,6 @@ def statements_of(found: Diagnosis) -> Iterator[Statement]:
 
 
 def _errors(found: Diagnosis) -> Statement:
-    """RMS error on held-out rows of each model, and the noise below them."""
     data, floor = found.request.data, found.noise_floor
     what = "error" if data.position is not None or data.touches else data.kind.error_words
     models, which = (MODELS, "error-effects") if found.fitted_effects else (MODELS[:2], "error")
@@ -91,7 +89,6 @@ def _errors(found: Diagnosis) -> Statement:
 
 
 def _causes(found: Diagnosis) -> Iterator[Statement]:
-    """What explains the errors, or part of them, and what is suspected."""
     geometry = [f for f in found.effects if f.effect is None and f.noise is None]
     others = [f for f in found.effects if f not in geometry and f.determined]
     causes = sorted(others or geometry, key=lambda f: unconfirmed(f, found.test))
@@ -127,7 +124,6 @@ def _first(texts: Sequence[str], most: int) -> list[str]:
 
 
 def words(finding: Finding, problem: ProblemData) -> str:
-    """A cause in one clause; scatter of which the file states nothing is said to be so."""
     noise, sources = finding.noise, problem.sources
     if noise is not None and noise.unstated and finding.determined:
         names = noise.scatter(problem.robot)

@@ -21,10 +21,9 @@ import numpy as np
 from posture_opt.calibration.estimation.effect_sensitivities import EffectSensitivities
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.diagnosis.scores import levels
-from posture_opt.diagnosis.scores.candidates import Candidate
+from posture_opt.diagnosis.scores.candidates import Candidate, LinearisedData
 from posture_opt.diagnosis.scores.score_tests import orthonormal_basis
 from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent
-from posture_opt.diagnosis.search.linearised_data import LinearisedData
 from posture_opt.errors import InputError
 from posture_opt.experiments.candidate_postures import candidate_rows
 from posture_opt.experiments.information import PriorInformation
@@ -174,7 +173,6 @@ class RivalExplanation:
 
     @classmethod
     def of(cls, linearised: LinearisedData, model: Fit, place: int, rival: Candidate) -> RivalExplanation:
-        """With its likeliest size."""
         members = [Candidate(e, linearised.sensitivities.columns(e)) for e in model.effects]
         baseline = linearised.baseline([s for i, s in enumerate(members) if i != place], flips=0)
         one, other = (orthonormal_basis(baseline.project(s.Z)) for s in (members[place], rival))
@@ -186,11 +184,7 @@ class RivalExplanation:
 
 @dataclass(frozen=True, eq=False)
 class ModelDiscrimination:
-    """A fitted model with the rivals of its effects, and all their columns: geometry, effects and rivals.
-
-    The members are the effects of the model, then all rivals; the columns are those of all parameters of the arm, then
-    of each member.
-    """
+    """A fitted model with the rivals of its effects; its members are the effects, then all rivals."""
 
     linearised: LinearisedData
     model: Fit
@@ -216,7 +210,6 @@ class ModelDiscrimination:
 
     @cached_property
     def joints(self) -> tuple[int, ...]:
-        """The joints of the effects and their rivals."""
         names = self.linearised.sensitivities.residuals.robot.joint_names
         effects = [s for d in self.all for s in (self.model.effects[d.place], d.rival)]
         parts = {part for s in effects for part in s.target.split("->")}
@@ -225,18 +218,13 @@ class ModelDiscrimination:
 
     @cached_property
     def sided(self) -> tuple[int, ...]:
-        """The joints whose side of approach matters, where the data state it."""
         names = self.linearised.sensitivities.residuals.robot.joint_names
         asked = {e.target for e, _ in self.members if "approach" in e.needs}
         known = "approach" in self.linearised.excitation.inputs
         return tuple(j for j, name in enumerate(names) if known and name in asked)
 
     def columns(self, sensitivities: EffectSensitivities) -> tuple[Array, list[Codes]]:
-        """(m, K) whitened columns of all parameters at some rows, and the indices of those of each member.
-
-        Columns of a member are the derivatives at its fitted size, its shape among them: a rival may fit its shape
-        anew.
-        """
+        """(m, K) whitened columns of all parameters, then of each member with its shape, and the indices of these."""
         parts, places = [sensitivities.residuals.residuals_and_jacobian(sensitivities.x)[1][: sensitivities.rows]], []
         at = parts[0].shape[1]
         for effect, theta in self.members:
@@ -255,7 +243,7 @@ class ModelDiscrimination:
         return [(place, *two) for place, members in sides.items() for two in combinations(members, 2)]
 
     def design(self, problem: ProblemData, rows: Measurements) -> tuple[DiscriminationDesign, Array]:
-        """The design problem of all pairs, either of the two taken for true, and their λ (2 pairs,) in the data so far.
+        """Design of all pairs, either of the two taken for true, and their λ (2 pairs,) in the data so far.
 
         What of it exceeds `levels.RIVAL_CRITERION` was predicted and not seen: it is spent.
         """
@@ -306,7 +294,6 @@ class DiscriminatedPair:
     count: int | None
 
     def to_json(self) -> dict[str, Json]:
-        """Angle in rad; ``chance`` that the planned measurements show the difference."""
         return {
             "kind": self.rival.kind, "target": self.rival.target, "angle": self.angle, "lambda_now": self.now,
             "lambda": self.then, "chance": detection_probability(self.then), "count": self.count,
@@ -344,7 +331,6 @@ class DiscriminationPlan:
         return found
 
     def to_json(self, place: int) -> dict[str, Json]:
-        """The entry ``split`` of an effect in ``diagnosis.json``: of the rival that is hardest to refute."""
         pairs = self.pairs[place]
         return {
             "angle": min(s.angle for s in pairs),
@@ -363,10 +349,9 @@ def plan_discrimination(
     rivals: Mapping[int, Sequence[Candidate]],
     seed: int = 0,
 ) -> DiscriminationPlan | None:
-    """Postures that discriminate the effects of a model from their rivals; None where there are none.
+    """Postures that discriminate the effects of a model from their rivals, one list for all pairs; None without rivals.
 
-    One list for all pairs, those among the rivals of one effect too. Geometry is fitted anew in all of it; its prior is
-    10 mm and 1 deg only, so that postures far from the data do not promise too much.
+    Geometry is fitted anew; its prior of 10 mm and 1 deg keeps postures far from the data from promising too much.
     """
     models = ModelDiscrimination.of(linearised, model, rivals)
     residuals = linearised.sensitivities.residuals

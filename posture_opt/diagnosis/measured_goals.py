@@ -13,7 +13,7 @@ from posture_opt.numerics import Json
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.program.task_target import Reach, TaskTarget
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
-from posture_opt.uncertainty.regions.coverage_radius import central_radii
+from posture_opt.uncertainty.regions.clearance import central_radii
 
 Floats = np.ndarray
 Postures = Sequence[np.ndarray]
@@ -80,7 +80,6 @@ class MeasuredGoals:
         return float(1.96 * np.sqrt(self.chance * (1 - self.chance) / self.goals))
 
     def to_json(self) -> dict[str, Json]:
-        """The entry ``goals`` of ``posture`` in ``diagnosis.json``."""
         return {
             "goals": self.goals, "postures": self.postures, "within": self.within, "better_by_chance": self.chance,
             "sent": {name: choice.to_json(self.clearance) for name, choice in self.sent.items()},

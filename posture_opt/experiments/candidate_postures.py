@@ -27,54 +27,49 @@ POSTURE_STEP = {"revolute": math.radians(0.01), "prismatic": 1e-5}
 _LIMIT_MARGIN = {"revolute": math.radians(2.0), "prismatic": 2e-3}  # to a limit, where none is stated
 # Two postures differ by this in at least one joint [rad, m]: what the model cannot express differs from place to place.
 _SEPARATION = {"revolute": math.radians(20.0), "prismatic": 0.05}
-_TRIED_AT_ONCE = 5000
 # Candidate rows of each sort, before those that are not allowed go: enough for a design and a few seconds.
 _MEASURED_CANDIDATES, _SWUNG_CANDIDATES, _RANDOM_CANDIDATES = 150, 350, 500
-_MAX_PAYLOADS = 4  # of the data; of more the least, the largest and some between
 
 
 @dataclass(frozen=True)
 class Workspace:
-    """Where an arm may go."""
+    """Where an arm may go; postures (N, w) are the joints, then what `KindPlaces` has beside them."""
 
     robot: Robot
-    lower: Array  # lower, upper: (n,) of every joint, one turn at most, the margins to the limits taken off [rad, m]
+    lower: Array  # (n,) of every joint, one turn at most, the margins to the limits taken off [rad, m]
     upper: Array
-    # the least height (world z) of the tool point and of all links that a joint can raise [m]; −inf: none
-    height: float
+    height: float  # least height (world z) of the tool point and of all links that a joint can raise [m]; −inf: none
     box: Box  # lower and upper corner of where the tool point may go, world [m]
-    # what the arm must not collide with: itself, with capsules along its links where its shape is not known, and the
-    # obstacles of its cell
-    scene: Scene
+    scene: Scene  # what the arm must not collide with: itself, with capsules along its links, and its cell
+    places: KindPlaces | None = None  # of an instrument that shows no position: only what it measures is allowed
 
     @classmethod
     def of(
         cls, robot: Robot, scene: Scene, *, height: float = -math.inf, margin: float = 0.0, box: Box = ANYWHERE
     ) -> Workspace:
         """The workspace inside the limits; ``margin`` to the limits of revolute joints where one is stated [rad]."""
-        ranges = [joint_range(joint, margin) for joint in robot.joints]
-        lower, upper = np.array(ranges, dtype=float).T
+        lower, upper = np.array([joint_range(joint, margin) for joint in robot.joints], dtype=float).T
         return cls(robot, lower, upper, height, box, scene)
 
     @property
     def joints(self) -> tuple[Joint, ...]:
-        """What moves."""
-        return self.robot.joints
+        """The joints of the arm, then of a second one."""
+        return (*self.robot.joints, *(joint for _, joint in (self.places.further if self.places else ())))
 
-    @property
+    @cached_property
     def ranges(self) -> tuple[Array, Array]:
         """(w,), (w,) lower and upper end of all joints [rad or m]."""
-        return self.lower, self.upper
+        more = np.array([joint_range(joint, 0.0) for joint in self.joints[self.robot.n :]]).reshape(-1, 2)
+        return np.r_[self.lower, more[:, 0]], np.r_[self.upper, more[:, 1]]
 
     @property
     def bounded(self) -> bool:
         """Whether the tool point is held in a box."""
         return bool(np.isfinite(self.box).any())
 
-    def allowed(self, q: Array) -> Mask:
-        """Which of the postures (N, n) [rad or m] are allowed (N,): in the box, high enough, free of collisions."""
-        reached = nominal_chain(self.robot, q)
-        points = skeleton_points(self.robot, reached, len(q))
+    def clear(self, q: Array) -> Mask:
+        """Which of the postures (N, n) [rad or m] are in the box, high enough and free of collisions (N,)."""
+        points = skeleton_points(self.robot, nominal_chain(self.robot, q), len(q))
         moving = np.ptp(points[:, :, 2], axis=0) > 1e-9 if len(q) > 1 else np.ones(points.shape[1], dtype=bool)
         heights = np.where(moving, points[:, :, 2], np.inf).min(axis=1)
         inside = np.all((points[:, -1] >= self.box[0]) & (points[:, -1] <= self.box[1]), axis=1)
@@ -82,15 +77,28 @@ class Workspace:
         found[found] = self.scene.slack(q[found]) >= 0
         return found
 
+    def allowed(self, q: Array) -> Mask:
+        """Which of the postures (N, w) are clear, and measure something."""
+        found = self.clear(q[:, : self.robot.n])
+        if self.places is not None:
+            found[found] = self.places.offered(q[found])[1]
+            found[found] = ~self.places.hidden(q[found], self.scene.placed)
+        return found
+
+    def passable(self, q: Array) -> Mask:
+        """Which of the postures (N, w) may be passed through: an attached instrument measures on the way too."""
+        attached = self.places is not None and self.places.kind.attached
+        return self.allowed(q) if attached else self.clear(q[:, : self.robot.n])
+
     def postures(self, count: int, rng: np.random.Generator) -> tuple[Array, float]:
-        """Random allowed postures (count, n), rounded, and the share of the tried ones that were allowed."""
+        """Random allowed postures (count, w), rounded, and the share of the tried ones that were allowed."""
         found: list[Array] = []
         have = tried = 0
-        # 200_000 random postures before the search for allowed ones is given up
+        # 200 000 random postures before the search for allowed ones is given up
         while have < count and tried < 200_000:
-            q = self.rounded(self.drawn(rng, _TRIED_AT_ONCE))
+            q = self.rounded(self.drawn(rng, 5000))
             found.append(q[self.allowed(q)])
-            have, tried = have + len(found[-1]), tried + _TRIED_AT_ONCE
+            have, tried = have + len(found[-1]), tried + 5000
         if have < count:
             around = " and of the obstacles" if self.scene.explicit else ""
             above = f", above {self.height * 1e3:g} mm" if self.height > -math.inf else ""
@@ -102,34 +110,38 @@ class Workspace:
         return np.concatenate(found)[:count], have / tried
 
     def drawn(self, rng: np.random.Generator, count: int) -> Array:
-        """(count, n) postures at random within the limits."""
+        """(count, w) postures at random where the instrument may see something."""
+        if self.places is not None:
+            return self.places.drawn(rng, count, *self.ranges)
         return rng.uniform(self.lower, self.upper, (count, self.robot.n))
 
     def rounded(self, q: Array) -> Array:
-        """Postures (N, n) as they are in the file: to 0.01 deg and 0.01 mm (`POSTURE_STEP`), inside the limits."""
+        """Postures (N, w) as in the file, to 0.01 deg and 0.01 mm inside the limits; touches are led to their place."""
+        q, w = q if self.places is None else self.places.touching(q), len(self.joints)
         step, (lower, upper) = np.array([POSTURE_STEP[joint.type] for joint in self.joints]), self.ranges
-        return np.asarray(np.clip(np.round(q / step), np.ceil(lower / step), np.floor(upper / step)) * step)
-
-    def passable(self, q: Array) -> Mask:
-        """Which of the postures (N, n) may be passed through on the way to another one."""
-        return self.allowed(q)
+        own = np.clip(np.round(q[:, :w] / step), np.ceil(lower / step), np.floor(upper / step)) * step
+        return np.column_stack([own, np.round(q[:, w:])])
 
     def separations(self, count: int) -> Array:
         """(w,) by which two of ``count`` postures differ in one number at least [rad or m]."""
         stated = np.array([_SEPARATION[joint.type] for joint in self.joints])
-        n = len(stated)
-        room = self.steps()[:n] / (4 * count ** (1 / n))
-        return np.asarray(np.maximum(np.minimum(stated, room), 1e-9))
+        room = self.steps()[: len(stated)] / (4 * count ** (1 / len(stated)))
+        # Another instrument is another posture: their numbers differ by more than 0.5.
+        return self._with_instrument(np.maximum(np.minimum(stated, room), 1e-9), 0.5)
 
     def steps(self) -> Array:
         """(w,) what a step to a posture nearby is a share of: the ranges of the joints [rad or m]."""
-        lower, upper = self.ranges
-        return upper - lower
+        return self._with_instrument(self.ranges[1] - self.ranges[0], 0.0)
 
     def unit_travel(self) -> Array:
         """(w,) travel that counts as one radian: 1 rad of a revolute joint, the length of the arm of a slide [m]."""
         size = max(self.robot.length, 1e-3)
-        return np.array([1.0 if joint.type == "revolute" else size for joint in self.joints])
+        own = np.array([1.0 if joint.type == "revolute" else size for joint in self.joints])
+        return self._with_instrument(own, np.inf)
+
+    def _with_instrument(self, own: Array, value: float) -> Array:
+        """(w,) of the joints (m,), and of the number of the instrument behind them."""
+        return np.concatenate([own, np.full(self.places.fixed if self.places else 0, value)])
 
 
 def joint_range(joint: Joint, margin: float) -> tuple[float, float]:
@@ -159,33 +171,30 @@ def skeleton_points(robot: Robot, reached: Walk, count: int) -> Array:
     return np.stack([np.broadcast_to(stack(corner), (count, 3)) for corner in corners], axis=1)
 
 
-def available_payloads(data: Measurements, stated: float) -> tuple[float, ...]:
-    """Payloads [kg] that are available: of the data (`_MAX_PAYLOADS` at most), the one of the file, and none."""
-    measured = np.unique(np.round(data.payload, 3)) if data.payload is not None else np.zeros(0)
-    if len(measured) > _MAX_PAYLOADS:
-        measured = measured[np.linspace(0, len(measured) - 1, _MAX_PAYLOADS).round().astype(int)]
-    return tuple(sorted({0.0, round(stated, 3), *map(float, measured)}))
-
-
 def candidate_rows(residuals: Residuals, joints: Collection[int], sided: bool, seed: int = 0) -> Measurements:
     """Rows that could be measured, none of them yet."""
     robot, data = residuals.robot, residuals.data
     rng = np.random.default_rng(seed)
     known = np.unique(data.q, axis=0)
     known = known[rng.permutation(len(known))]
-    # What the arm was mounted on when it was measured is not known; it reached no lower than the lowest row.
+    # What the arm was mounted on when it was measured is unknown; it reached no lower than its foot or the lowest row.
+    points = skeleton_points(robot, nominal_chain(robot, data.q), len(data))
+    moving = np.ptp(points[:, :, 2], axis=0) > 1e-9
+    lowest = float(points[:, moving, 2].min()) if moving.any() else np.inf
     scene = Scene.of(robot, None, guessed=True, without_mounting=True)
-    workspace = Workspace.of(robot, scene, height=_lowest_point(residuals))
+    workspace = Workspace.of(robot, scene, height=min(lowest, float(points[0, 0, 2])) - 1e-9)
     swung = known[rng.integers(len(known), size=_SWUNG_CANDIDATES)]
     columns = list(joints) or list(range(robot.n))
-    swung[:, columns] = rng.uniform(
-        workspace.lower[columns], workspace.upper[columns], (_SWUNG_CANDIDATES, len(columns))
-    )
-    anywhere = rng.uniform(workspace.lower, workspace.upper, (_RANDOM_CANDIDATES, robot.n))
+    lower, upper = workspace.lower, workspace.upper
+    swung[:, columns] = rng.uniform(lower[columns], upper[columns], (_SWUNG_CANDIDATES, len(columns)))
+    anywhere = rng.uniform(lower, upper, (_RANDOM_CANDIDATES, robot.n))
     q = workspace.rounded(np.concatenate([known[:_MEASURED_CANDIDATES], swung, anywhere]))
     q = q[workspace.allowed(q)]
     rows = planned_rows(robot, q, data.measured_axes, data.target_names[:1], oriented=data.rotation is not None)
-    loads = available_payloads(data, robot.payload)
+    measured = np.unique(np.round(data.payload, 3)) if data.payload is not None else np.zeros(0)
+    if len(measured) > 4:  # of more payloads the least, the largest and some between
+        measured = measured[np.linspace(0, len(measured) - 1, 4).round().astype(int)]
+    loads = tuple(sorted({0.0, round(robot.payload, 3), *map(float, measured)}))
     return replace(
         rows,
         payload=None if loads == (0.0,) and data.payload is None else rng.choice(loads, len(q)),
@@ -194,69 +203,3 @@ def candidate_rows(residuals: Residuals, joints: Collection[int], sided: bool, s
         approach=rng.choice([-1.0, 1.0], q.shape) if sided else np.zeros(q.shape),
         approach_length=np.tile(np.median(data.approach_length, axis=0), (len(q), 1)),
     )
-
-
-def _lowest_point(residuals: Residuals) -> float:
-    """The foot of the arm, or the lowest that a moving part of it came to in the data if that is lower [m]."""
-    robot, q = residuals.robot, residuals.data.q
-    points = skeleton_points(robot, nominal_chain(robot, q), len(q))
-    moving = np.ptp(points[:, :, 2], axis=0) > 1e-9
-    lowest = float(points[:, moving, 2].min()) if moving.any() else np.inf
-    return min(lowest, float(points[0, 0, 2])) - 1e-9
-
-
-@dataclass(frozen=True)
-class KindWorkspace(Workspace):
-    """Where an arm may go to measure the places of an instrument; postures (N, w) as of `KindPlaces`."""
-
-    places: KindPlaces
-
-    @classmethod
-    def around(cls, workspace: Workspace, places: KindPlaces) -> KindWorkspace:
-        """A workspace of which only postures that can be measured count."""
-        own = {name: getattr(workspace, name) for name in ("robot", "lower", "upper", "height", "box", "scene")}
-        return cls(**own, places=places)
-
-    @property
-    def joints(self) -> tuple[Joint, ...]:
-        """The joints of the arm, then of a second one."""
-        return (*super().joints, *(joint for _, joint in self.places.further))
-
-    @cached_property
-    def ranges(self) -> tuple[Array, Array]:
-        """(w,), (w,) lower and upper end of all joints."""
-        more = np.array([joint_range(joint, 0.0) for _, joint in self.places.further]).reshape(-1, 2)
-        return np.r_[self.lower, more[:, 0]], np.r_[self.upper, more[:, 1]]
-
-    def allowed(self, q: Array) -> Mask:
-        """Which postures (N, w) are allowed and measure something."""
-        found = super().allowed(q[:, : self.robot.n])
-        found[found] = self.places.offered(q[found])[1]
-        found[found] = ~self.places.hidden(q[found], self.scene.placed)
-        return found
-
-    def passable(self, q: Array) -> Mask:
-        """Which postures may be passed through: an instrument that stays at the tool is to measure on the way too."""
-        return self.allowed(q) if self.places.kind.attached else super().allowed(q[:, : self.robot.n])
-
-    def drawn(self, rng: np.random.Generator, count: int) -> Array:
-        """Postures at random where such an instrument may see something."""
-        return self.places.drawn(rng, count, *self.ranges)
-
-    def rounded(self, q: Array) -> Array:
-        """Postures as they are in the file; those that touch are first led to the nearest place."""
-        q, joints = self.places.touching(q), len(self.joints)
-        return np.column_stack([super().rounded(q[:, :joints]), np.round(q[:, joints:])])
-
-    def separations(self, count: int) -> Array:
-        """(w,) as of joints; another instrument is another posture."""
-        # 0.5 two instruments in one posture are apart: their numbers differ by more.
-        return np.asarray(np.r_[super().separations(count), np.full(self.places.fixed, 0.5)])
-
-    def steps(self) -> Array:
-        """(w,) ranges of the joints; the instrument stays."""
-        return np.asarray(np.r_[super().steps(), np.zeros(self.places.fixed)])
-
-    def unit_travel(self) -> Array:
-        """(w,) as of joints; changing the instrument is no travel."""
-        return np.asarray(np.r_[super().unit_travel(), np.full(self.places.fixed, np.inf)])

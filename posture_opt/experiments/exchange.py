@@ -8,29 +8,12 @@ that covariance is. Nothing here knows of robots.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from typing import ClassVar
 
 import numpy as np
 
 from posture_opt.numerics import Array, Codes, Mask, Progress
 from posture_opt.workers import Serial, Workers
-
-
-class Criterion(Protocol):
-    """How good a covariance of the unknowns is; the smaller the value the better."""
-
-    @property
-    def logarithmic(self) -> bool:
-        """Whether the value is a logarithm of variances, summed over the unknowns, or a sum of variances."""
-
-    def value(self, C: Array) -> float:
-        """Of the covariance C (r, r)."""
-
-    def gains(self, C: Array, A: Array) -> Array:
-        """(N,) by how much each of the candidates A (N, b, r) would lower the value if it came next."""
-
-    def transformed(self, T: Array) -> Criterion:
-        """The same criterion for the unknowns z' with ``z = T z'``."""
 
 
 @dataclass(frozen=True)
@@ -83,6 +66,10 @@ class Variance:
         return Variance(self.L @ T)
 
 
+Criterion = Determinant | Variance
+"""What an experiment makes small, of the covariance C (r, r) of the unknowns."""
+
+
 @dataclass(frozen=True, eq=False)
 class Design:
     """The chosen candidates (count,) and the value of the criterion, in the unknowns of an average design."""
@@ -116,7 +103,10 @@ def exchange_design(
     than 1 in every coordinate.
     """
     assert replicate or count <= len(A), "no more places than candidates"
-    T, A, information = _normalised_problem(A, information, count)
+    # In unknowns in which an average design has unit information, values of designs are comparable.
+    flat = A.reshape(-1, A.shape[-1])
+    T = unit_information(information + count / len(A) * flat.T @ flat)
+    A, information = np.ascontiguousarray(A @ T), T.T @ information @ T
     criterion = criterion.transformed(T)
     # 1e-8 of the information of an average design: keeps a design that is still too small invertible
     search = _Search(A, information + 1e-8 * np.eye(len(T)), criterion, count, replicate, places)
@@ -124,23 +114,11 @@ def exchange_design(
     drawn = [rng.choice(len(A), count, replace=replicate) for _ in range(0 if former is not None else starts - 1)]
     begins = [former, *drawn]
     found: dict[int, Design] = {}
-    for k, (chosen, value) in (workers or Serial()).run(_improved_start, search, begins):
+    for k, (chosen, value) in (workers or Serial()).run(_Search.from_start, search, begins):
         found[k] = Design(np.array(chosen, dtype=np.intp), value)
         if progress is not None:
             progress(len(found), len(begins))
     return min((found[k] for k in range(len(begins))), key=lambda design: np.nan_to_num(design.value, nan=np.inf))
-
-
-def _improved_start(search: _Search, begin: Codes | None) -> tuple[list[int], float]:
-    chosen = search.improved(search.one_by_one() if begin is None else begin)
-    return chosen.tolist(), float(search.value(chosen))
-
-
-def _normalised_problem(A: Array, information: Array, count: int) -> tuple[Array, Array, Array]:
-    """Unknowns in which an average design of this size has unit information: ``T``, ``A T`` and ``Tᵀ M_0 T``."""
-    flat = A.reshape(-1, A.shape[-1])
-    T = unit_information(information + count / len(A) * flat.T @ flat)
-    return T, np.ascontiguousarray(A @ T), T.T @ information @ T
 
 
 def unit_information(information: Array) -> Array:
@@ -166,9 +144,10 @@ class _Search:
         flat = self.A[chosen].reshape(-1, self.A.shape[-1])
         return np.asarray(self.start + flat.T @ flat)
 
-    def value(self, chosen: Codes) -> float:
-        """The criterion of the chosen candidates."""
-        return self.criterion.value(inverse_matrix(self.information(chosen)))
+    def from_start(self, begin: Codes | None) -> tuple[list[int], float]:
+        """The design that one start leads to, and its value."""
+        chosen = self.improved(self.one_by_one() if begin is None else begin)
+        return chosen.tolist(), float(self.criterion.value(inverse_matrix(self.information(chosen))))
 
     def one_by_one(self) -> Codes:
         """The design that grows by the candidate that helps most each time."""
@@ -207,10 +186,9 @@ class _Search:
 
     def _barred_by(self, chosen: int) -> Mask:
         """(N,) which candidates may not be in a design together with this one."""
+        near = np.zeros(len(self.A), dtype=bool)
         if self.places is not None:
             near = np.abs(self.places - self.places[chosen]).max(axis=1) < 1.0
-        else:
-            near = np.zeros(len(self.A), dtype=bool)
         near[chosen] |= not self.replicate
         return np.asarray(near)
 

@@ -22,8 +22,9 @@ from posture_opt.calibration.assumptions.instrument import (
     reading_sigmas,
     usable_share,
 )
-from posture_opt.calibration.estimation.fit import estimate_parameters
+from posture_opt.calibration.estimation.fit import Fit, estimate_parameters
 from posture_opt.calibration.estimation.fit_setup import (
+    FitSetup,
     determine_directions,
     full_prior,
     prior_tolerances,
@@ -107,24 +108,22 @@ class MeasurementModel:
 
     def blocks(self, q: Array, x: Array) -> Array:
         """(N, b, k) derivatives of the mean of all repeats of the postures (N, n), in standard deviations of it."""
-        template = self.residuals.data
-        own, turned = q[:, : self.residuals.robot.n], template.rotation is not None
-        data = planned_rows(self.residuals.robot, own, template.measured_axes, self.targets, oriented=turned)
+        template, robot, block = self.residuals.data, self.residuals.robot, self.residuals.block
+        own, turned = q[:, : robot.n], template.rotation is not None
+        data = planned_rows(robot, own, template.measured_axes, self.targets, oriented=turned)
         data = data if self.places is None else self.places.rows(data, q)
         _, J = self.residuals.of_data(data).residuals_and_jacobian(x)
-        rows = J.reshape(len(q), self.rows, self.residuals.block, len(x)) * np.sqrt(self.repeats)
-        rows = rows if self.places is None else rows * self.places.weights(q)[:, :, None, None]
-        return np.asarray(self._scaled_rows(q, rows).reshape(len(q), self.coordinates, len(x)))
-
-    def _scaled_rows(self, q: Array, rows: Array) -> Array:
-        """Rows (N, targets, block, k) in the standard deviations of their own range, and as many as are usable."""
-        if not self.problem.effects or self.places is not None:
-            return rows
-        sigma = reading_sigmas(self.problem, nominal_poses(self.residuals.robot, q)[0])
-        own = np.divide(self.residuals.sigma, sigma, out=np.ones(len(q)), where=sigma > 0)
-        scale = np.ones((len(q), self.residuals.block))
-        scale[:, : len(self.residuals.axes)] = own[:, None]
-        return np.asarray(np.sqrt(usable_share(self.problem)) * rows * scale[:, None, :, None])
+        rows = J.reshape(len(q), self.rows, block, len(x)) * np.sqrt(self.repeats)
+        if self.places is not None:
+            rows = rows * self.places.weights(q)[:, :, None, None]
+        elif self.problem.effects:  # σ's that grow with the range, and as many readings as are usable
+            sigma = reading_sigmas(self.problem, nominal_poses(robot, own)[0])
+            scale = np.ones((len(q), 1, block, 1))
+            scale[:, 0, : len(self.residuals.axes), 0] = np.divide(
+                self.residuals.sigma, sigma, out=np.ones(len(q)), where=sigma > 0
+            )[:, None]
+            rows = np.sqrt(usable_share(self.problem)) * rows * scale
+        return np.asarray(rows.reshape(len(q), self.coordinates, len(x)))
 
     def tool_rows(self, q: Array, x: Array, basis: Array) -> Array:
         """Shift (t, k) of the (first) tool point at the posture q (n,) along ``basis``, per unit of each unknown."""
@@ -167,31 +166,29 @@ def measurement_model(
     problem: ProblemData, given: Measurements | None, repeats: int = 1
 ) -> tuple[MeasurementModel, tuple[str, ...]]:
     """The instrument of a problem and what it measures, and sentences on what was assumed."""
-    if given is not None and given.position is None:
-        return _model_of_kind(problem, given, repeats)
     robot, further = problem.robot, further_sigmas(problem)
+    if given is not None and given.position is None:  # at the places that a fit to the given rows finds
+        residuals, notes = arm_and_data(problem, given)
+        found, known = _fitted(problem, residuals, fit_frames(residuals))
+        widths = widths_of_data(found, known.widths) if len(known.widths.own) else known.widths
+        parameters = zip(residuals.parameters, found.x, strict=True)
+        at = {p.name: float(v) for p, v in parameters if p.group in OF_PLACES}
+        places = planned_places(residuals, found.x)
+        return MeasurementModel(residuals, problem, repeats, places, at, widths.uncertain), notes
     sigma = planned_sigma(problem, reach_of(robot)) if given is None else position_sigma(problem, given)
-    notes = [] if sigma else [f"no σ of the instrument is stated: {DEFAULT_SIGMA_M * 1e3:g} mm taken"]
+    assumed = () if sigma else (f"no σ of the instrument is stated: {DEFAULT_SIGMA_M * 1e3:g} mm taken",)
     axes = ~still_axes(robot) if given is None else given.measured_axes
     targets = given.target_names if given is not None and len(given.target_names) > 1 else ()
     data = planned_rows(robot, np.zeros((1, robot.n)), axes, targets, oriented=bool(further))
-    parameters = unknown_parameters(problem, data)
-    return MeasurementModel(
-        Residuals.of(problem.arm, data, parameters, sigma or DEFAULT_SIGMA_M, further), problem, repeats
-    ), tuple(notes)
+    parameters_of_arm = unknown_parameters(problem, data)
+    residuals = Residuals.of(problem.arm, data, parameters_of_arm, sigma or DEFAULT_SIGMA_M, further)
+    return MeasurementModel(residuals, problem, repeats), assumed
 
 
-def _model_of_kind(problem: ProblemData, given: Measurements, repeats: int) -> tuple[MeasurementModel, tuple[str, ...]]:
-    residuals, notes = arm_and_data(problem, given)
-    x = fit_frames(residuals)
+def _fitted(problem: ProblemData, residuals: Residuals, x: Array) -> tuple[Fit, FitSetup]:
+    """The arm fitted to given rows from the deviations x (k,), with what is known of it."""
     known = determine_directions(problem, residuals, x, held_length(residuals), priors=True)
-    found = estimate_parameters(residuals, x, known.directions, known.prior, weight=known.noise)
-    x, widths = found.x, known.widths
-    if len(widths.own):
-        widths = widths_of_data(found, widths)
-    places = planned_places(residuals, x)
-    at = {p.name: float(v) for p, v in zip(residuals.parameters, x, strict=True) if p.group in OF_PLACES}
-    return MeasurementModel(residuals, problem, repeats, places, at, widths.uncertain), notes
+    return estimate_parameters(residuals, x, known.directions, known.prior, weight=known.noise), known
 
 
 def repeat_variance(problem: ProblemData, sigma: float, q: Array) -> float:

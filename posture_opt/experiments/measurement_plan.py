@@ -15,7 +15,7 @@ from posture_opt.experiments.candidate_postures import Workspace
 from posture_opt.experiments.information import ExpectedErrors
 from posture_opt.experiments.plan_search import Tour
 from posture_opt.measurements.measurements import Measurements
-from posture_opt.numerics import Array, Json, Mask
+from posture_opt.numerics import Array, Json, Mask, finite_or_none
 from posture_opt.result import Result
 from posture_opt.robot.posture import Posture
 from posture_opt.robot.robot import Joint, Robot
@@ -120,7 +120,10 @@ class MeasurementPlan(Result):
     @cached_property
     def statements(self) -> tuple[Statement, ...]:
         """What the plan is worth, what to know before running it, and what it leaves open."""
-        return plan_statements(self)
+        mounting = self.workspace.scene.mounting_statement(self.q)
+        floor = (state("experiments.table-unstated"),) * (not self.keeps_height)
+        surface = (*((mounting,) if mounting else ()), *floor)
+        return (_worth(self), *surface, *_task_error(self), *tour_statements(self), *self.remarks, *_open(self))
 
     @property
     def listed(self) -> list[int]:
@@ -162,21 +165,19 @@ class MeasurementPlan(Result):
         With several targets every repeat has a row for each, and pictures have one for each marker; repeats are rounds
         of the whole tour.
         """
-        revolute = [joint.type == "revolute" for joint in self.robot.joints]
-        headers = [
-            f"{j.name} [{'deg' if turns else 'mm'}]" for j, turns in zip(self.robot.joints, revolute, strict=True)
-        ]
+        joints = [*self.robot.joints]
+        headers = [f"{joint.name} [{_WRITTEN[joint.type][0]}]" for joint in joints]
         headers += ["pose"] * (self.repeats > 1) + ["target"] * bool(self.targets)
         headers += [f"{one.name} [{_WRITTEN[one.joint.type][0]}]" for one in self.second]
         headers += dict.fromkeys((*self.columns, *self.columns_by_row))
         lines = [csv_line(headers)]
-        values = self.q * np.where(revolute, math.degrees(1.0), 1e3)
         for _ in range(self.repeats):
-            for pose, row in enumerate(values + 0.0, start=1):
-                cells = [f"{value:.2f}" for value in row] + [str(pose)] * (self.repeats > 1)
-                second = [_written(one, pose - 1) for one in self.second]
+            for k, row in enumerate(self.q):
+                cells = [_written(joint, value) for joint, value in zip(joints, row, strict=True)]
+                cells += [str(k + 1)] * (self.repeats > 1)
+                second = [_written(one.joint, one.values[k]) for one in self.second]
                 for target in [[name] for name in self.targets] or [[]]:
-                    lines += [csv_line([*cells, *target, *second, *more]) for more in self._rows_beside(pose - 1)]
+                    lines += [csv_line([*cells, *target, *second, *more]) for more in self._rows_beside(k)]
         return "\n".join(lines) + "\n"
 
     def _rows_beside(self, k: int) -> list[tuple[str, ...]]:
@@ -188,34 +189,32 @@ class MeasurementPlan(Result):
     def fields_json(self) -> dict[str, Json]:
         """The document ``plan.json``: SI units and radians."""
         stages = {"before": self.before, "after": self.after, "random": self.random}
+        rows = enumerate(zip(self.postures, self.points, strict=True))
+        own = [s.text for s in self.statements if s in self.remarks or s.id == "experiments.table-unstated"]
+        task: dict[str, Json] | None = None
+        if self.target is not None:
+            posture = dict(zip(self.robot.joint_names, map(float, self.target.q), strict=True))
+            task = {"posture": posture, "std": {name: finite_or_none(stage.task) for name, stage in stages.items()}}
         return {
             "purpose": self.purpose,
             "count": len(self.q),
             "repeats": self.repeats,
             "given": len(self.given) if self.given is not None else 0,
             "postures": [
-                {"posture": posture, "tool": [float(v) for v in point], **self._beside(k)}
-                for k, (posture, point) in enumerate(zip(self.postures, self.points, strict=True))
+                {"posture": q, "tool": [float(v) for v in point], **self._beside(k)} for k, (q, point) in rows
             ],
             "gain": self.gain,
             "random_equivalent": self.equivalent,
             "parameters": [
-                {
-                    "name": p.name,
-                    "unit": p.unit,
-                    **{name: _finite_or_none(stage.std[i]) for name, stage in stages.items()},
-                }
+                {"name": p.name, "unit": p.unit, **{n: finite_or_none(float(s.std[i])) for n, s in stages.items()}}
                 for i, p in enumerate(self.parameters)
             ],
             "observability": {name: dict(stage.observability) for name, stage in stages.items()},
-            "task": self._task_json(stages),
+            "task": task,
             "undetermined": list(self.undetermined),
             "travel": self.tour.travel,
             "blocked": [k + 1 for k in self.tour.blocked],
-            "notes": [
-                *self.notes,
-                *(s.text for s in self.statements if s in self.remarks or s.id == "experiments.table-unstated"),
-            ],
+            "notes": [*self.notes, *own],
         }
 
     def _beside(self, k: int) -> dict[str, Json]:
@@ -226,28 +225,10 @@ class MeasurementPlan(Result):
         second = {one.name: float(one.values[k]) for one in self.second if np.isfinite(one.values[k])}
         return {**found, "second": second} if second else found
 
-    def _task_json(self, stages: dict[str, ExpectedErrors]) -> dict[str, Json] | None:
-        """The entry ``task`` of the document: the posture, and the tool point's expected standard deviation at each
-        stage [m].
-        """
-        if self.target is None:
-            return None
-        posture = dict(zip(self.robot.joint_names, map(float, self.target.q), strict=True))
-        return {"posture": posture, "std": {name: _finite_or_none(stage.task) for name, stage in stages.items()}}
 
-
-def _written(one: SecondJoint, k: int) -> str:
-    value = float(one.values[k]) * _WRITTEN[one.joint.type][1]
-    return f"{value + 0.0:.2f}" if math.isfinite(value) else ""
-
-
-def _finite_or_none(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
-
-
-def plan_statements(plan: MeasurementPlan) -> tuple[Statement, ...]:
-    """What the plan is worth and brings; surface, height and moves; what is assumed, and what stays open."""
-    return (_worth(plan), *_surface(plan), *_task_error(plan), *tour_statements(plan), *plan.remarks, *_open(plan))
+def _written(joint: Joint, value: float) -> str:
+    """A joint value [rad or m] in deg or mm; empty where the arm is not used."""
+    return f"{value * _WRITTEN[joint.type][1] + 0.0:.2f}" if math.isfinite(value) else ""
 
 
 def _worth(plan: MeasurementPlan) -> Statement:
@@ -257,16 +238,6 @@ def _worth(plan: MeasurementPlan) -> Statement:
     if plan.equivalent <= count:
         return state("experiments.worth-as-many", postures=count, purpose=plan.purpose)
     return state("experiments.worth", postures=count, random=plan.equivalent, purpose=plan.purpose)
-
-
-def _surface(plan: MeasurementPlan) -> Iterator[Statement]:
-    if mounting := plan.workspace.scene.mounting_statement(plan.q):
-        yield mounting
-    yield from _height(plan)
-
-
-def _height(plan: MeasurementPlan) -> tuple[Statement, ...]:
-    return () if plan.keeps_height else (state("experiments.table-unstated"),)
 
 
 def _task_error(plan: MeasurementPlan) -> Iterator[Statement]:

@@ -57,7 +57,10 @@ class PlanSearch:
         q, chosen = pool[found.chosen], J[found.chosen]
         rng = np.random.default_rng(seed)
         for k, near in enumerate(_NEIGHBOURHOODS):
-            others = self._nearby_postures(q, near, rng)
+            # Gaussian steps of a share of each joint's range.
+            tried = np.repeat(q, max(1, min(_NEW_PER_POSTURE, _MAX_NEW_POSTURES // len(q))), axis=0)
+            tried = self.workspace.rounded(tried + near * self.workspace.steps() * rng.normal(size=tried.shape))
+            others = tried[self.workspace.allowed(tried)]
             more = self.measuring.blocks(others, self.x)
             both, moves = np.concatenate([chosen, more]), np.concatenate([q, others])
             found = exchange_design(
@@ -67,20 +70,14 @@ class PlanSearch:
             report_step(starts + k + 1, total)
         return q, chosen
 
-    def _nearby_postures(self, q: Array, near: float, rng: np.random.Generator) -> Array:
-        """Allowed postures (M, n) near those of a plan: Gaussian steps of ``near`` times each joint's range."""
-        step = near * self.workspace.steps()
-        tried = np.repeat(q, max(1, min(_NEW_PER_POSTURE, _MAX_NEW_POSTURES // len(q))), axis=0)
-        tried = self.workspace.rounded(tried + step * rng.normal(size=tried.shape))
-        return np.asarray(tried[self.workspace.allowed(tried)])
-
     def value(self, J: Array) -> float:
         """The criterion of a plan; infinite where it leaves something open."""
         unknowns, flat = self.unknowns, self.unknowns.blocks(J).reshape(-1, self.unknowns.count)
         M = unknowns.T.T @ (unknowns.start + flat.T @ flat) @ unknowns.T
-        values = np.linalg.eigvalsh(M)
         # 1e-10 of the information of an average plan: with less in some direction something is open
-        return self.criterion.transformed(unknowns.T).value(inverse_matrix(M)) if values[0] > 1e-10 else np.inf
+        if np.linalg.eigvalsh(M)[0] <= 1e-10:
+            return np.inf
+        return self.criterion.transformed(unknowns.T).value(inverse_matrix(M))
 
     def compared(self, chosen: Array, random: list[Array]) -> tuple[int | None, float]:
         """How many random postures do the same, and how much larger the standard error of as many random ones is.
@@ -90,22 +87,18 @@ class PlanSearch:
 
         chosen (count, b, k) derivatives of the plan; random: (N, b, k) of random postures, in several orders.
         """
-        best = self.value(chosen)
-        sizes = [self._equivalent_count(drawn, best) for drawn in random]
-        middle = float(np.median(sizes))
+        best, sizes = self.value(chosen), []
+        for drawn in random:  # how many of the first are as good, by bisection
+            low, high = 0, len(drawn)
+            while high - low > 1:
+                middle = (low + high) // 2
+                low, high = (low, middle) if self.value(drawn[:middle]) <= best else (middle, high)
+            sizes.append(np.inf if self.value(drawn) > best else float(high))
+        typical = float(np.median(sizes))
         same = float(np.median([self.value(drawn[: len(chosen)]) for drawn in random]))
         logs = self.criterion.logarithmic
         gain = np.exp((same - best) / (2 * self.unknowns.count)) if logs else np.sqrt(same / best)
-        return (round(middle) if np.isfinite(middle) else None), float(gain)
-
-    def _equivalent_count(self, drawn: Array, best: float) -> float:
-        low, high = 0, len(drawn)
-        if self.value(drawn) > best:
-            return np.inf
-        while high - low > 1:
-            middle = (low + high) // 2
-            low, high = (low, middle) if self.value(drawn[:middle]) <= best else (middle, high)
-        return float(high)
+        return (round(typical) if np.isfinite(typical) else None), float(gain)
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +131,7 @@ def shortest_tour(q: Array, lengths: Array, allowed: Callable[[Array], Mask]) ->
     for _ in range(8):  # legs that are taken are looked at again, densely
         # 10.0 turns that a leg through something counts for
         cost = distance + 2 * np.pi * 10.0 * through
-        order = _two_opt(_nearest_neighbours(cost), cost)
+        order = _two_opt(cost)
         a, b = order[:-1], order[1:]
         missed = ~through[a, b] & _blocked_legs(q[a], q[b], lengths, allowed)
         through[a, b] |= missed
@@ -175,19 +168,17 @@ def _blocked_moves(q: Array, allowed: Callable[[Array], Mask]) -> Mask:
     return through
 
 
-def _nearest_neighbours(cost: Array) -> Codes:
-    left = cost.copy()
-    order = [0]
-    for _ in range(len(cost) - 1):
-        left[:, order[-1]] = np.inf
-        order.append(int(np.argmin(left[order[-1]])))
-    return np.array(order, dtype=np.intp)
+def _two_opt(cost: Array) -> Codes:
+    """The open tour from posture 0 to the nearest left, then parts reversed, the best of each start first (Croes 1958).
 
-
-def _two_opt(order: Codes, cost: Array) -> Codes:
-    n = len(order)
-    # 60 of reversing parts of the tour
-    for _ in range(60):
+    Only the two legs at the ends of a reversed part change; all ends of one start are compared at once.
+    """
+    n, left, tour = len(cost), cost.copy(), [0]
+    for _ in range(n - 1):
+        left[:, tour[-1]] = np.inf
+        tour.append(int(np.argmin(left[tour[-1]])))
+    order = np.array(tour, dtype=np.intp)
+    for _ in range(60):  # passes
         shorter = False
         for i in range(n - 1):
             ends = np.arange(i + 1, n)  # the part i … j is reversed

@@ -18,10 +18,6 @@ from posture_opt.model.chain import factor_values, walk
 from posture_opt.numerics import Array, Codes, Mask, stacked_rows
 from posture_opt.robot.robot import Joint, Robot
 
-_MAX_CONTACT_STEP = 0.3
-"""rad or m a step of a joint toward a place."""
-_DIFFERENCE = 1e-6
-
 
 @dataclass(frozen=True, eq=False)
 class KindPlaces:
@@ -65,21 +61,18 @@ class KindPlaces:
     @cached_property
     def given(self) -> Array:
         """(N, w) the postures of the given rows."""
-        count = len(self.further)
-        return self.data.q if not count else np.column_stack([self.data.q, self._reading[:, :count]])
-
-    @property
-    def _reading(self) -> Array:
+        if not self.further:
+            return self.data.q
         assert self.data.reading is not None, "the joints of a second arm were read"
-        return self.data.reading
+        return np.column_stack([self.data.q, self.data.reading[:, : len(self.further)]])
 
     @cached_property
     def bounds(self) -> tuple[Array, Array]:
         """(P, m) least and largest `Kind.aspect` at each place: the stroke of a bar, the plate, how it was touched."""
-        aspect = self._aspect_of_given()
-        places = [aspect[self.data.point == k] for k in range(self._count)]
-        found = [self.kind.bounds(k, own) if len(own) else _nowhere(aspect) for k, own in enumerate(places)]
-        low, high = (np.array(rows) for rows in zip(*found, strict=True))
+        aspect, point = self._aspect_of_given(), self.data.point
+        nowhere = (np.full(aspect.shape[1], np.inf), np.full(aspect.shape[1], -np.inf))
+        kinds = [self.kind.bounds(k, aspect[point == k]) if np.any(point == k) else nowhere for k in range(self._count)]
+        low, high = (np.array(rows) for rows in zip(*kinds, strict=True))
         return low, high
 
     @property
@@ -112,7 +105,7 @@ class KindPlaces:
             off = np.abs(aspect[:, 0] - (low[k, 0] + high[k, 0]) / 2)
             if self.kind.contact:
                 off = np.linalg.norm(self._error(here), axis=1)
-                # 1e-3 A posture that near to a place touches it: the move that touches stops there.
+                # 1e-3 m: a posture that near to a place touches it: the move that touches stops there.
                 inside &= off <= 1e-3
             cost[inside, k] = off[inside]
         return cost.argmin(axis=1), np.isfinite(cost.min(axis=1))
@@ -130,8 +123,8 @@ class KindPlaces:
 
         lower, upper (w,) where the joints may be.
         """
-        return np.concatenate([rng.uniform(lower, upper, (count // 2, len(lower))),
-                               self.about_given(rng, count - count // 2, lower, upper)])  # fmt: skip
+        anywhere = rng.uniform(lower, upper, (count // 2, len(lower)))
+        return np.concatenate([anywhere, self.about_given(rng, count - count // 2, lower, upper)])
 
     def about_given(self, rng: np.random.Generator, count: int, lower: Array, upper: Array) -> Array:
         """(count, w) postures about those of the given rows."""
@@ -151,18 +144,14 @@ class KindPlaces:
         seen = self.seen(q, np.zeros(len(q), dtype=np.intp))
         codes = [np.full(len(q), k, dtype=np.intp) for k in range(self._count)]
         off = np.stack([np.linalg.norm(self._error(self._beside(seen, k)), axis=1) for k in codes])
-        place = off.argmin(axis=0)
+        place, h = off.argmin(axis=0), 1e-6
         for _ in range(8):
-            here = self.off(q, place)
-            J = np.stack([self.off(q + h, place) - here for h in _DIFFERENCE * np.eye(q.shape[1])], axis=2)
+            here = self._error(self.seen(q, place))
+            moved = [self._error(self.seen(q + step, place)) - here for step in h * np.eye(q.shape[1])]
             # 1e-2 of the largest: directions in which a posture can hardly be led to a place are given up.
-            step = np.einsum("njd,nd->nj", np.linalg.pinv(J / _DIFFERENCE, rcond=1e-2), here)
-            q = q - np.clip(step, -_MAX_CONTACT_STEP, _MAX_CONTACT_STEP)
+            inverse = np.linalg.pinv(np.stack(moved, axis=2) / h, rcond=1e-2)
+            q = q - np.clip(np.einsum("njd,nd->nj", inverse, here), -0.3, 0.3)  # rad or m a step
         return q
-
-    def off(self, q: Array, place: Codes) -> Array:
-        """(N, d) how far postures are from their places [m]."""
-        return self._error(self.seen(q, place))
 
     def _error(self, seen: Seen) -> Array:
         """(N, d) what is left to the places."""
@@ -205,21 +194,8 @@ class KindPlaces:
 
 def moved_parameters(residuals: Residuals, x: Array) -> dict[str, float]:
     """Parameter of the arm, without those of effects -> its deviation in a fit x (k,) [rad or m]."""
-    known = residuals.robot.parameters
-    return {
-        p.source: float(v)
-        for p, v in zip(residuals.parameters, x, strict=True)
-        if p.source in known and p.code <= 0  # of several tools the first
-    }
-
-
-def _nowhere(aspect: Array) -> tuple[Array, Array]:
-    m = aspect.shape[1]
-    return np.full(m, np.inf), np.full(m, -np.inf)
-
-
-_OUTERMOST = 4
-"""Points of a board that stand for all of it: its corners."""
+    known, rows = residuals.robot.parameters, zip(residuals.parameters, x, strict=True)
+    return {p.source: float(v) for p, v in rows if p.source in known and p.code <= 0}  # of several tools the first
 
 
 @dataclass(frozen=True, eq=False)
@@ -345,11 +321,11 @@ def _interrupted(sight: tuple[Array, Array], q: Array, placed: PlacedCapsules) -
 
 
 def _outermost(points: Array) -> Codes:
-    """The corners of points (n, 3), each the farthest from those before; all of a few, and of one body without size."""
-    if len(points) <= _OUTERMOST or np.ptp(points, axis=0).max() == 0:
+    """The four corners that stand for points (n, 3), each the farthest from those before; all of a few."""
+    if len(points) <= 4 or np.ptp(points, axis=0).max() == 0:
         return np.arange(len(points))
     chosen = [int(np.argmax(np.linalg.norm(points - points.mean(axis=0), axis=1)))]
-    while len(chosen) < _OUTERMOST:
+    while len(chosen) < 4:
         far = np.min(np.linalg.norm(points[:, None] - points[chosen], axis=2), axis=1)
         chosen.append(int(np.argmax(far)))
     return np.array(chosen)

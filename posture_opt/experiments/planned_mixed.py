@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -31,16 +30,26 @@ class MixedPlaces(KindPlaces):
     parts: tuple[KindPlaces, ...] = ()  # the places of each instrument
 
     @classmethod
-    def of_instruments(cls, residuals: Residuals, x: Array, of_one: Callable[[KindPlaces], KindPlaces]) -> MixedPlaces:
+    def of_instruments(cls, residuals: Residuals, x: Array) -> MixedPlaces:
         """From the given rows and the fit to them; ``of_one`` is the rule of one instrument."""
         data, values, moved = residuals.data, residuals.places(x), moved_parameters(residuals, x)
-        kind = _kind(data)
+        kind, part = _kind(data), data.part
+        assert part is not None, "a row is a number of a reading"
         parts, more, second = [], len(kind.names), 1
         for k, member in enumerate(kind.members):
-            own = values[[*range(member.first, member.first + len(member.places)),
-                          *range(more, more + len(member.more))], : member.kind.width]  # fmt: skip
-            rows = _readings(data, k, member, second)
-            parts.append(of_one(KindPlaces(rows, residuals.robot, moved, own)))
+            # The readings of one instrument, one a row, as if they were the whole file.
+            own = np.flatnonzero(part // SLOTS == k)
+            whole = data.take(own[np.unique(data.line[own], return_index=True)[1]])
+            touched = whole.second - second if member.seconds and whole.second is not None else None
+            names = tuple(place for place in member.places if place)
+            rows = replace(
+                whole, part=None, instrument=member.kind, point=whole.point - member.first, point_names=names,
+                second=touched, second_names=member.seconds, lever=None,
+            )  # fmt: skip
+            first = range(member.first, member.first + len(member.places))
+            at = values[[*first, *range(more, more + len(member.more))], : member.kind.width]
+            rule = _RULES.get(type(member.kind), KindPlaces)
+            parts.append(rule(rows, residuals.robot, moved, at))
             more, second = more + len(member.more), second + len(member.seconds)
         return cls(data, residuals.robot, moved, values, tuple(parts))
 
@@ -183,18 +192,6 @@ def _kind(data: Measurements) -> Mixed:
     return data.kind
 
 
-def _readings(data: Measurements, k: int, member: Member, first_second: int) -> Measurements:
-    assert data.part is not None, "a row is a number of a reading"
-    own = np.flatnonzero(data.part // SLOTS == k)
-    whole = data.take(own[np.unique(data.line[own], return_index=True)[1]])
-    second = whole.second - first_second if member.seconds and whole.second is not None else None
-    return replace(
-        whole, part=None, instrument=member.kind, point=whole.point - member.first,
-        point_names=tuple(place for place in member.places if place), second=second, second_names=member.seconds,
-        lever=None,
-    )  # fmt: skip
-
-
 _RULES: dict[type, type[KindPlaces]] = {
     MarkerPixels: PicturePlaces, BoardPose: BoardPosePlaces, PairContact: PairPlaces,
 }  # fmt: skip
@@ -203,11 +200,7 @@ _RULES: dict[type, type[KindPlaces]] = {
 
 def planned_places(residuals: Residuals, x: Array) -> KindPlaces:
     """The places of the given rows by a fit x (k,) to them [rad, m], by the rule of their kind."""
-    if isinstance(residuals.data.kind, Mixed):
-        return MixedPlaces.of_instruments(residuals, x, _by_rule)
-    return _by_rule(KindPlaces.of(residuals, x))
-
-
-def _by_rule(places: KindPlaces) -> KindPlaces:
-    rule = _RULES.get(type(places.kind), KindPlaces)
-    return rule(places.data, places.robot, places.moved, places.values)
+    kind = residuals.data.kind
+    if isinstance(kind, Mixed):
+        return MixedPlaces.of_instruments(residuals, x)
+    return _RULES.get(type(kind), KindPlaces).of(residuals, x)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from posture_opt.collision.narrowest import narrowest
+from posture_opt.collision.scene import narrowest
 from posture_opt.errors import InputError, Issue
 from posture_opt.explore.answers import Answer, Answers, Request, has_stations
 from posture_opt.explore.live_scene import LiveScene

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from posture_opt.collision.narrowest import Gap
-from posture_opt.collision.scene import Scene
+from posture_opt.collision.scene import Gap, Scene
 from posture_opt.explore.drawing import (
     OPACITY,
     add_grid,

@@ -21,8 +21,8 @@ if TYPE_CHECKING:  # a plain chain needs none of the effects, which are many fil
 class MeasuredRange:
     """An effect that is known between two values of its joint only, and a joint that may leave them."""
 
-    effect: Effect  # which is not corrected beyond; name that of the error that it is there
-    joint: int  # index; low, high [rad]
+    effect: Effect  # which is not corrected beyond
+    joint: int  # index of the joint; low, high: its values [rad]
     low: float
     high: float
 
@@ -41,7 +41,7 @@ class MeasuredRange:
         return 1.0 * (value >= self.low - _EDGE_RAD) * (value <= self.high + _EDGE_RAD)
 
     def beyond(self, q: Sequence[Scalar]) -> Sensitivity:
-        """What one standard deviation of the unknown error does to the joint [rad] at the joints q (n,)."""
+        """One standard deviation of the unknown error as an increment of the joint [rad] at the joints q (n,)."""
         return self.effect.unknown_beyond(self.joint, 1.0 - self.inside(q))
 
 
@@ -99,10 +99,8 @@ class ActingEffects:
         return tuple(value for effect in self.effects for value in effect.values)
 
     def in_size(self, q: Sequence[Scalar], p: Mapping[str, Scalar], ones: Sequence[Sensitivity]) -> Weighted:
-        """What all effects do, each with the size of its parameter: the estimate and its deviation in ``p``. q: (n,)
-        commanded joints [rad or m]: numbers, arrays (N,) or CasADi expressions; p: name -> deviation [SI], of geometry,
-        effects, shapes and unknown sides (−1 or +1). Returns pairs of a size and what one unit of it does, to be
-        summed."""
+        """Pairs of a size [SI], estimate and deviation in ``p``, and the effect of one unit of it at joints q (n,) [rad
+        or m]."""
         sizes = [v + p.get(name, 0.0) for name, v in zip(self.parameters, self.estimates, strict=True)]
         parts = list(zip(sizes, ones, strict=True))
         for found in self.ranges.values():
@@ -116,8 +114,8 @@ class ActingEffects:
     def per_unit(
         self, q: Sequence[Scalar], p: Mapping[str, Scalar], known: Sequence[Sensitivity] = ()
     ) -> dict[str, Weighted]:
-        """What one unit of every parameter and of every unknown side does, to first order. q: (n,) commanded joints
-        [rad or m]; p: deviations of the geometry and of shapes at which the derivative is taken [SI]."""
+        """Effects of one unit of every parameter and unknown side at q (n,) [rad or m] and deviations p [SI], to first
+        order."""
         ones = zip(self.parameters, known or self.sensitivities(q, p), strict=True)
         found: dict[str, Weighted] = {name: [(1.0, one)] for name, one in ones}
         found |= {there.name: [(1.0, there.beyond(q))] for there in self.ranges.values()}
@@ -126,8 +124,7 @@ class ActingEffects:
         return found
 
     def per_shape(self, name: str, q: Sequence[Scalar], p: Mapping[str, Scalar]) -> Weighted:
-        """The derivative by a shape: central differences of what its effect does with its present size. q: (n,)
-        commanded joints [rad or m]; p: deviations [SI], that of the shape among them; numbers only, as a shape is no
+        """The derivative by a shape [SI] in central differences, at q (n,) [rad or m]; numbers only, a shape is no
         symbol."""
         place = self.shapes[name]
         first = sum(len(effect.dimensions) for effect in self.effects[:place])
@@ -157,7 +154,7 @@ class ActingEffects:
         return [one for place, effect in enumerate(effects) for one in self._known(place, effect, state)]
 
     def _known(self, place: int, effect: Effect, state: ArmState) -> tuple[Sensitivity, ...]:
-        """What the effect at a ``place`` does, in the shape of ``effect``; nothing beyond its measured range."""
+        """The effect at a ``place`` in the shape of ``effect``; nothing beyond its measured range."""
         ones = effect.sensitivities(state)
         if place not in self.ranges:
             return ones

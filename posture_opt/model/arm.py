@@ -52,7 +52,7 @@ class HasArm(Protocol):
 
 @dataclass(frozen=True)
 class Reached:
-    """Where the tool comes to, and how: the chain with its effects at one posture, or at N of them."""
+    """The chain with its effects at one posture, or at N of them."""
 
     walk: Walk  # pose of the tool and the screw of every factor
     values: list[Scalar]  # the value of every factor, effects included [rad or m]

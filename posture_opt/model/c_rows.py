@@ -56,7 +56,7 @@ class Steps:
         return cls(tuple(written), tuple(map(tuple, outputs)))
 
     def needed(self, wanted: Iterable[int], known: frozenset[int] = frozenset()) -> list[int]:
-        """The steps that the wanted ones follow from, in order."""
+        """The steps that the wanted ones follow from, in order, not followed beyond the ``known`` ones."""
         found: set[int] = set()
         waiting = [k for k in wanted if k not in known]
         while waiting:
@@ -68,7 +68,7 @@ class Steps:
 
     @cached_property
     def angles(self) -> tuple[tuple[int, ...], ...]:
-        """The steps whose sine or cosine is taken, in rounds: an angle depends on sines and cosines of earlier rounds
+        """Steps whose sine or cosine is taken, in rounds: an angle depends on sines and cosines of earlier rounds
         alone."""
         depth: list[int] = []
         rounds: list[dict[int, None]] = []
@@ -205,8 +205,7 @@ def preamble_text(steps: Steps) -> str:
 
 
 def rows_text(steps: Steps, face: CFunction) -> str:
-    """The C text of the function for many rows, `LANES` of them at a time; a block that is not full repeats its last
-    row."""
+    """The C text for many rows, `LANES` at a time; a block that is not full repeats its last row."""
     writer = _Writer(steps, tuple(key for key, _ in face.inputs), LANES)
     every = [*face.inputs, *face.outputs]
     inputs = [f"const double* restrict {key}" for key, _ in face.inputs]
@@ -282,7 +281,7 @@ class _Writer:
                 yield f"    const double v{k}_ = {text.format(*map(self.of, step.arguments))};"
 
     def of(self, k: int) -> str:
-        """A step where it is used: a number, an input, a sine, or the constant that holds it."""
+        """A step as an operand: a number, an input, a sine, or the constant that holds it."""
         step = self.steps.steps[k]
         if step.operation == ca.OP_CONST:
             return literal(step.value)
@@ -303,7 +302,7 @@ class _Writer:
 
 
 def literal(value: float) -> str:
-    """A double in C; repr gives the shortest text that reads back as the same number."""
+    """A double in C, in the shortest text that reads back exactly."""
     if math.isnan(value):
         return "NAN"
     text = "INFINITY" if math.isinf(value) else repr(abs(value))

@@ -1,13 +1,13 @@
-"""CasADi functions as C text, for this package's own compiler and for export."""
+"""CasADi functions as C text, for this package's own compiler and for export, and as Python text for export."""
 
 from __future__ import annotations
 
 import math
 import string
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-import casadi
+import casadi as ca
 
 from posture_opt.errors import InputError, Issue
 from posture_opt.model.c_rows import CFunction, Steps, one_text, preamble_text, rows_text
@@ -15,7 +15,7 @@ from posture_opt.texts import one_line
 
 
 def c_source(
-    function: casadi.Function,
+    function: ca.Function,
     name: str,
     descriptions: Mapping[str, str] | None = None,
     *,
@@ -67,7 +67,7 @@ _KEYWORDS = """
 """
 
 
-def _check_names(function: casadi.Function, name: str) -> None:
+def _check_names(function: ca.Function, name: str) -> None:
     arguments = [*map(function.name_in, range(function.n_in())), *map(function.name_out, range(function.n_out()))]
     issues = [
         Issue(f"{word!r} is no C identifier that is free", hint="use letters, digits and _, and no word of C itself")
@@ -117,17 +117,69 @@ def _c_comment(arguments: list[tuple[str, tuple[int, int]]], descriptions: Mappi
     return "\n".join(lines)
 
 
-def c_text(functions: list[casadi.Function]) -> str:
+def c_text(functions: list[ca.Function]) -> str:
     """CasADi's C text of the functions, all in one file."""
-    generator = casadi.CodeGenerator("posture_opt", {"with_header": False, "verbose": False})
+    generator = ca.CodeGenerator("posture_opt", {"with_header": False, "verbose": False})
     for function in functions:
         generator.add(function)
     return str(generator.dump())
 
 
-def row_function(function: casadi.Function, name: str) -> casadi.Function:
-    """The same function, dense, its outputs transposed: CasADi's column-major is then NumPy's and C's row-major."""
-    kind = casadi.SX if function.is_a("SXFunction") else casadi.MX
+def row_function(function: ca.Function, name: str) -> ca.Function:
+    """Dense, with transposed outputs: CasADi's column-major is then NumPy's and C's row-major."""
+    kind = ca.SX if function.is_a("SXFunction") else ca.MX
     inputs: Any = [kind.sym(f"x{i}", *function.size_in(i)) for i in range(function.n_in())]
-    outputs: Any = [casadi.densify(output).T for output in function.call(inputs)]
-    return casadi.Function(name, inputs, outputs)
+    outputs: Any = [ca.densify(output).T for output in function.call(inputs)]
+    return ca.Function(name, inputs, outputs)
+
+
+# CasADi's operation -> NumPy text of it
+_OPERATIONS = {
+    ca.OP_ADD: "{0} + {1}", ca.OP_SUB: "{0} - {1}", ca.OP_MUL: "{0} * {1}", ca.OP_DIV: "{0} / {1}",
+    ca.OP_POW: "{0} ** {1}", ca.OP_CONSTPOW: "{0} ** {1}", ca.OP_FMIN: "np.fmin({0}, {1})",
+    ca.OP_FMAX: "np.fmax({0}, {1})", ca.OP_ATAN2: "np.arctan2({0}, {1})", ca.OP_LT: "({0} < {1}) * 1.0",
+    ca.OP_LE: "({0} <= {1}) * 1.0", ca.OP_EQ: "({0} == {1}) * 1.0", ca.OP_NE: "({0} != {1}) * 1.0",
+    ca.OP_AND: "np.logical_and({0}, {1}) * 1.0", ca.OP_OR: "np.logical_or({0}, {1}) * 1.0",
+    ca.OP_IF_ELSE_ZERO: "np.where({0}, {1}, 0.0)", ca.OP_COPYSIGN: "np.copysign({0}, {1})",
+    ca.OP_FMOD: "np.fmod({0}, {1})", ca.OP_HYPOT: "np.hypot({0}, {1})",
+    ca.OP_ASSIGN: "{0}", ca.OP_NEG: "-{0}", ca.OP_SQ: "{0} * {0}", ca.OP_TWICE: "2 * {0}", ca.OP_INV: "1 / {0}",
+    ca.OP_SQRT: "np.sqrt({0})", ca.OP_SIN: "np.sin({0})", ca.OP_COS: "np.cos({0})", ca.OP_TAN: "np.tan({0})",
+    ca.OP_ASIN: "np.arcsin({0})", ca.OP_ACOS: "np.arccos({0})", ca.OP_ATAN: "np.arctan({0})",
+    ca.OP_EXP: "np.exp({0})", ca.OP_LOG: "np.log({0})", ca.OP_FABS: "np.abs({0})", ca.OP_SIGN: "np.sign({0})",
+    ca.OP_FLOOR: "np.floor({0})", ca.OP_CEIL: "np.ceil({0})", ca.OP_NOT: "np.logical_not({0}) * 1.0",
+    ca.OP_TANH: "np.tanh({0})", ca.OP_SINH: "np.sinh({0})", ca.OP_COSH: "np.cosh({0})", ca.OP_ERF: "_erf({0})",
+    ca.OP_LOG1P: "np.log1p({0})", ca.OP_EXPM1: "np.expm1({0})",
+}  # fmt: skip
+
+
+def python_source(function: ca.Function, name: str, outputs: Sequence[int] | None = None) -> str:
+    """The Python text of ``name(q)``, arrays (..., n), by the steps of an SX function of one vector (n,). Outputs are
+    arrays (..., m, k), vectors (..., m) or scalars (...); the text uses ``np``, ``_shaped`` and ``_erf``."""
+    x = ca.SX.sym("q", *function.size_in(0))
+    found = function.call([x])
+    wanted = [ca.densify(ca.SX(found[i])) for i in (outputs or range(len(found)))]
+    shapes = [y.shape for y in wanted]
+    dense = ca.Function("steps", [x], wanted)
+    lines = [f"def {name}(q):", *(f"    {line}" for line in _step_lines(dense))]
+    sizes = [(rows, columns) if columns > 1 else (rows,) if rows > 1 else () for rows, columns in shapes]
+    shaped = ", ".join(f"_shaped(q, y{i}, {size!r})" for i, size in enumerate(sizes))
+    return "\n".join([*lines, f"    return {shaped}{',' * (len(shapes) == 1)}", ""])
+
+
+def _step_lines(function: ca.Function) -> Iterator[str]:
+    yield "q = np.asarray(q, dtype=float)"
+    for i in range(function.n_out()):
+        yield f"y{i} = [0.0] * {function.nnz_out(i)}"
+    for k in range(function.n_instructions()):
+        operation = function.instruction_id(k)
+        into, given = function.instruction_output(k), function.instruction_input(k)
+        if operation == ca.OP_CONST:
+            yield f"w{into[0]} = {float(function.instruction_constant(k))!r}"
+        elif operation == ca.OP_INPUT:
+            yield f"w{into[0]} = q[..., {given[1]}]"
+        elif operation == ca.OP_OUTPUT:
+            yield f"y{into[0]}[{into[1]}] = w{given[0]}"
+        else:
+            text = _OPERATIONS.get(operation)
+            assert text is not None, f"no Python for operation {operation} of CasADi"
+            yield f"w{into[0]} = {text.format(*(f'w{g}' for g in given))}"

@@ -74,9 +74,8 @@ class BatchFunction:
         self._fill = functools.partial(_fill_compiled, library) if library else self._fill_interpreted
 
     def __call__(self, *arrays: npt.ArrayLike) -> Any:
-        """Evaluate all rows. arrays: one an input, (N, size), or (size,) or (1, size) for the same in every row;
-        matrices column-major. Returns (N, r) of a vector output, (N, r, c) of a matrix; a tuple of them for several
-        outputs."""
+        """(N, r) or (N, r, c), a tuple for several outputs, of inputs (N, size), or (size,) in every row; matrices
+        column-major."""
         rows, inputs = self._read_inputs(arrays)
         outputs = [np.empty((rows, *shape)) for shape in self._shapes]
         if rows:
@@ -84,8 +83,8 @@ class BatchFunction:
         return outputs[0] if len(outputs) == 1 else tuple(outputs)
 
     def one(self, *arrays: npt.ArrayLike) -> Any:
-        """Evaluate once with buffers that each thread keeps: each input (size,), outputs (r,) or (r, c). It saves the
-        tens of microseconds that a call of the CasADi function costs."""
+        """Evaluate once with buffers of this thread, inputs (size,), outputs (r,) or (r, c): saves tens of
+        microseconds."""
         buffered, views = self._thread_buffer
         try:
             _assign_slots(buffered.inputs, arrays)
@@ -143,8 +142,7 @@ class BatchFunction:
 
 
 class _Buffered:
-    """One CasADi function bound to memory of its own. function: dense; fallible: whether its return code is asked for,
-    which costs a microsecond."""
+    """One dense CasADi function bound to memory of its own; asking a ``fallible`` one costs a microsecond."""
 
     def __init__(self, function: casadi.Function, fallible: bool = True) -> None:
         self._buffer: Any
@@ -217,9 +215,7 @@ def _integer_array(values: list[int]) -> ctypes.Array[ctypes.c_longlong]:
 def library_of(
     wanted: bool | None, identity: Callable[[], str], source: Callable[[], str], level: str = "-O1"
 ) -> tuple[Library | None, str]:
-    """The compiled ``source``, found by its ``identity`` where it was compiled before. identity: what determines the
-    source; cheaper to have than the source itself; source: gives the C text. Returns the library and an empty text; or
-    None and why there is none."""
+    """The compiled ``source``, cached by its ``identity``, and an empty text; or None and the reason."""
     if wanted is False:
         return None, "interpreted on request"
     try:

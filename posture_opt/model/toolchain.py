@@ -53,8 +53,7 @@ class Library(NamedTuple):
 
 
 def find_compiler() -> tuple[str, ...]:
-    """The command of the C compiler as words: the environment's CC, else cc, gcc or clang; empty where there is
-    none."""
+    """The words of the C compiler's command: the environment's CC, else cc, gcc or clang; empty if there is none."""
     for candidate in (os.environ.get("CC", ""), "cc", "gcc", "clang"):
         with contextlib.suppress(ValueError):  # unbalanced quotes in CC
             command = shlex.split(candidate, posix=os.name != "nt")
@@ -68,7 +67,7 @@ _only_kept: ContextVar[bool] = ContextVar("posture_opt_only_kept", default=False
 
 @contextlib.contextmanager
 def compiled_before() -> Iterator[None]:
-    """What was compiled before is loaded inside; what was not raises `NotCompiledError` instead of taking seconds."""
+    """Load inside only libraries compiled before; others raise `NotCompiledError` instead of taking seconds."""
     token = _only_kept.set(True)
     try:
         yield
@@ -77,8 +76,7 @@ def compiled_before() -> Iterator[None]:
 
 
 def shared_library(identity: str, source: Callable[[], str], level: str = "-O1") -> Library:
-    """The shared library of a C text, from the cache or compiled into it. source: gives the C text, called only where
-    the cache has no library."""
+    """The shared library of a C text, from the cache or compiled into it; ``source`` is called only if it is needed."""
     compiler = find_compiler()
     if not compiler:
         raise BuildError("no C compiler found (looked for the environment's CC, then cc, gcc, clang)")
@@ -102,8 +100,8 @@ def shared_library(identity: str, source: Callable[[], str], level: str = "-O1")
 
 def _kept_library(folder: Path, name: str) -> Library | None:
     for path in folder.glob(f"{name}.*{SUFFIX}"):
-        if _is_private(path) and _is_whole(path):
-            with contextlib.suppress(OSError):  # of another machine, or just pruned by another process
+        with contextlib.suppress(OSError):  # of another machine, or just pruned by another process
+            if _is_private(path) and path.name.split(".")[1] == _sha256_of(path):
                 handle = ctypes.CDLL(str(path))
                 os.utime(path)
                 return Library(path, handle)
@@ -129,13 +127,6 @@ def _sha256_of(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def _is_whole(path: Path) -> bool:
-    try:
-        return path.name.split(".")[1] == _sha256_of(path)
-    except OSError:
-        return False
-
-
 def _compile_text(folder: Path, compiler: tuple[str, ...], text: str, level: str) -> Path:
     code, library = folder / "code.c", folder / "code.so"
     code.write_text(text, encoding="utf-8")
@@ -157,24 +148,25 @@ def _compiler_version(compiler: tuple[str, ...]) -> str:
 
 
 def _run_command(*command: str, **environment: str) -> subprocess.CompletedProcess[str]:
-    pipe, none = subprocess.PIPE, subprocess.DEVNULL
+    pipe, none, process = subprocess.PIPE, subprocess.DEVNULL, None
     try:
-        with undisturbed():  # nothing started is forgotten
+        with undisturbed():  # nothing started is forgotten: an interrupt is raised at its end
             process = subprocess.Popen(
                 command, stdout=pipe, stderr=pipe, stdin=none, text=True, errors="replace",
                 env={**os.environ, **environment}, start_new_session=True,
             )  # fmt: skip
+        out, errors = process.communicate(timeout=COMPILE_SECONDS)
+        return subprocess.CompletedProcess(command, process.returncode, out, errors)
+    except subprocess.TimeoutExpired as error:
+        raise BuildError(f"{command[0]} did not end within {COMPILE_SECONDS:g} s") from error
     except (OSError, ValueError) as error:
         raise BuildError(f"{command[0]} did not run: {error}") from error
-    with process:
-        try:
-            out, errors = process.communicate(timeout=COMPILE_SECONDS)
-        except BaseException as error:
-            _kill_group(process)
-            if isinstance(error, subprocess.TimeoutExpired):
-                raise BuildError(f"{command[0]} did not end within {COMPILE_SECONDS:g} s") from error
-            raise
-    return subprocess.CompletedProcess(command, process.returncode, out, errors)
+    finally:
+        if process is not None:
+            if process.returncode is None:
+                _kill_group(process)
+            with process:  # closes its pipes
+                pass
 
 
 def _kill_group(process: subprocess.Popen[str]) -> None:
@@ -233,8 +225,7 @@ def _prune_cache(folder: Path) -> None:
 
 
 def _last_use(path: Path) -> float:
-    """Time of the last use of a library [s]: its modification time, which `_kept_library` renews; 0 where it is
-    gone."""
+    """Time of the last use of a library [s], which `_kept_library` renews; 0 where it is gone."""
     try:
         return path.stat().st_mtime
     except OSError:

@@ -13,8 +13,7 @@ from posture_opt.robot.flange import FlangeRobot
 from posture_opt.robot.format import FrameSpec, JointSpec, RobotFormat
 from posture_opt.robot.mdh import MdhRobot
 from posture_opt.robot.preset import PresetRobot, load_preset, preset_text
-from posture_opt.robot.robot import Factor, Joint, Repeatability, Robot, frame_factors
-from posture_opt.robot.shape import Capsule
+from posture_opt.robot.robot import Capsule, Factor, Joint, Repeatability, Robot, frame_factors
 from posture_opt.robot.urdf import UrdfRobot
 from posture_opt.spec import one_of
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from posture_opt.numerics import Array
-from posture_opt.robot.shape import Capsule
+from posture_opt.robot.robot import Capsule
 
 # A further capsule must save this factor of volume: each one more is checked against all others in every posture
 VOLUME_FACTOR = 1.15
@@ -54,11 +54,9 @@ class Edges:
 
 # Capsules for one body: a link is a beam between two housings.
 def fitted_capsules(body: Edges, joint: str, most: int = 3) -> tuple[Capsule, ...]:
-    """Up to ``most`` capsules that together contain the surface of a body given in the frame behind ``joint``. All ways
-    to cut the slices into runs are compared by capsules along main axes; the runs of the best one then get their
-    smallest capsules, if these are together smaller than the one of the whole. body: its edges [m], in the frame behind
-    the joint; joint: ``Capsule.joint`` of what is found. Returns capsules that contain the body to rounding; never more
-    than ``most``."""
+    """Up to ``most`` capsules that together contain the surface of a body, frame behind ``joint``, to rounding. All
+    ways to cut its slices into runs are compared by capsules along main axes; the runs of the best one then get their
+    smallest capsules, if these are together smaller than the one of the whole."""
     ends = np.vstack([body.tails, body.heads])
     one = [smallest_capsule(ends, joint)]
     if most == 1:
@@ -95,9 +93,9 @@ def _least_volume(points: Array) -> float:
 
 
 def smallest_capsule(points: Array, joint: str) -> Capsule:
-    """The capsule of least volume about points (k, 3) [m] in the frame behind ``joint``. Its axis is searched for by
-    the simplex method, from the main axes of the points, about those that are outermost in many directions; for an axis
-    the radius and the ends follow from all points. So it contains the points, and thus their hull, to rounding."""
+    """The capsule of least volume about points (k, 3) [m], frame behind ``joint``. Its axis is sought by the simplex
+    method from the main axes about the outermost points; radius and ends follow from all points, so it contains them
+    and their hull to rounding."""
     from scipy.optimize import minimize
 
     middle, size = points.mean(axis=0), float(np.ptp(points, axis=0).max()) or 1.0

@@ -1,4 +1,4 @@
-"""``corrections``: what a calibration found, added to the nominal values of named parameters."""
+"""Corrections and speeds that a section states, and the parameters that data can tell apart."""
 
 from __future__ import annotations
 
@@ -13,10 +13,8 @@ from posture_opt.units import parse_quantity
 
 
 def corrected(robot: Robot, corrections: Mapping[str, object]) -> Robot:
-    """The arm whose named parameters lie off their nominal values by quantities such as ``"0.12 deg"``. ``value =
-    nominal + correction`` for every named factor. The limits stay those of the joint variables as they are commanded:
-    an offset of a joint moves the arm, not what its controller allows. corrections: parameter name -> text with a unit,
-    as in ``robot.corrections`` of the problem file."""
+    """The arm off its nominal values by texts such as ``"0.12 deg"``: ``value = nominal + correction``. Limits stay
+    those of commanded joints: an offset moves the arm, not what its controller allows."""
     if not corrections:
         return robot
     known = robot.parameters
@@ -30,9 +28,8 @@ def corrected(robot: Robot, corrections: Mapping[str, object]) -> Robot:
 
 
 def deviated(robot: Robot, values: Mapping[str, float], former: Mapping[str, float] | None = None) -> Robot:
-    """The arm whose named parameters lie off their values in ``robot`` by ``values`` [rad or m]. values: parameter name
-    -> what is added to its value [rad or m]; former: corrections that ``robot`` has already: only the sum of both leans
-    and shifts its axes, so that a correction taken back leaves no ``skew`` or ``lift``."""
+    """The arm off its values in ``robot`` by ``values`` [rad or m]; with ``former`` corrections, only the sum of both
+    leans and shifts its axes, so that a correction taken back leaves no ``skew`` or ``lift``."""
 
     def moved(factors: tuple[Factor, ...]) -> tuple[Factor, ...]:
         return tuple(replace(f, nominal=f.nominal + values.get(f.parameter, 0.0)) for f in factors)
@@ -52,7 +49,7 @@ def _axis_displacement(robot: Robot, values: Mapping[str, float], kind: Literal[
 
 
 def _read_correction(name: str, given: object, factor: Factor, issues: list[Issue]) -> float:
-    """The value of one correction [rad or m]; 0 with an issue where it is none."""
+    """[rad or m]; 0 with an issue."""
     try:
         return parse_quantity(given, "angle" if factor.kind == "rotate" else "length")
     except BadValueError as error:
@@ -61,8 +58,7 @@ def _read_correction(name: str, given: object, factor: Factor, issues: list[Issu
 
 
 def name_issues(name: str, known: Iterable[str]) -> list[Issue]:
-    """The issue about a parameter that the robot does not have, with the nearest of the same joint; empty for a known
-    name."""
+    """The issue about an unknown parameter, with the nearest of the same joint."""
     every = list(known)
     if name in every:
         return []
@@ -92,8 +88,7 @@ def corrections_of(nominal: Robot, robot: Robot) -> dict[str, float]:
 
 
 def with_velocities(robot: Robot, given: Mapping[str, object]) -> Robot:
-    """The same robot with other largest speeds of some joints. given: joint name -> text with a unit, ``"120 deg/s"``
-    or, of a slide, ``"0.5 m/s"``."""
+    """The robot with largest speeds of some joints: joint name -> ``"120 deg/s"`` or, of a slide, ``"0.5 m/s"``."""
     if not given:
         return robot
     names = robot.joint_names
@@ -122,9 +117,8 @@ def _driven(joint: Joint, given: object, issues: list[Issue]) -> Joint:
 
 
 def is_fitted(robot: Robot, name: str) -> bool:
-    """Whether a parameter ``JOINT.LAST`` of the geometry is a candidate: not where another one does the same. ``beta``
-    is one only between nearly parallel axes (Hayati, Mirmirani 1985); a joint with an origin of six has no offset of
-    its own."""
+    """Whether no other parameter acts like ``JOINT.LAST``: ``beta`` is one only between nearly parallel axes (Hayati,
+    Mirmirani 1985), and a joint with an origin of six has no offset of its own."""
     joint, _, last = name.rpartition(".")
     parameters = robot.parameters
     index = robot.joint_names.index(joint) if joint in robot.joint_names else -1
@@ -137,7 +131,7 @@ def is_fitted(robot: Robot, name: str) -> bool:
 
 
 def geometry_behind_first_joint(robot: Robot) -> tuple[str, ...]:
-    """The candidates that do not move the whole arm as its base does: those behind the value of the first joint."""
+    """Fitted parameters behind the value of the first joint: the base moves the arm like those before it."""
     found = []
     for factor in robot.factors[robot.driven[0] + 1 :]:
         name = factor.parameter

@@ -139,7 +139,7 @@ class JointSpec(Spec):
         return Joint(self.name, self.type, lower, upper, self.mass, self.com, self.gear_ratio)
 
     def driven(self, index: int, symbol: Literal["theta", "d"]) -> Factor:
-        """The factor about or along z that carries ``theta`` or ``d``, and the joint variable where it is that one."""
+        """The factor about or along z with ``theta`` or ``d``, and with the joint variable q[index] if it moves."""
         moves = (symbol == "theta") == (self.type == "revolute")
         kind: Literal["rotate", "translate"] = "rotate" if symbol == "theta" else "translate"
         return Factor(kind, 2, getattr(self, symbol), f"{self.name}.{symbol}", index if moves else None)
@@ -174,12 +174,11 @@ class RobotFormat(Spec):
         """The chain in numbers as the format gives it, without the corrections."""
 
     def assemble(self, name: str, joints: tuple[Joint, ...], links: tuple[tuple[Factor, ...], ...]) -> Robot:
-        """A ``Robot`` of these links between the base and the tool of this section, with the shape and the joint
-        velocities that it states. joints: (n,) with limits and masses; ``links``: (n,) the factors of each."""
+        """A ``Robot`` of joints and links (n,) between base and tool of this section, with its shape and velocities."""
         return with_velocities(shaped(self.bare(name, joints, links), self.shape), self.velocity)
 
     def bare(self, name: str, joints: tuple[Joint, ...], links: tuple[tuple[Factor, ...], ...]) -> Robot:
-        """The same without a shape."""
+        """`assemble` without shape and velocities."""
         return Robot(
             name=name,
             joints=joints,

@@ -1,8 +1,7 @@
-"""Meshes that a URDF names: where they are, and their edges; read through trimesh, which is optional."""
+"""Meshes of a URDF: their files and edges, read through trimesh, which is optional."""
 
 from __future__ import annotations
 
-from functools import lru_cache
 from io import BytesIO
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -20,7 +19,7 @@ _MESH_SUFFIXES = {".stl", ".obj", ".ply", ".off", ".dae"}
 
 
 class UnreadMeshError(Exception):
-    """A mesh that could not be read, with the reason in words: the shape of its link stays unknown."""
+    """A mesh that could not be read, and why: the shape of its link stays unknown."""
 
 
 def located_mesh(name: str, urdf: Path) -> Path:
@@ -45,24 +44,6 @@ def _candidate_paths(name: str, folder: Path) -> list[Path]:
 def read_mesh(path: Path, scale: tuple[float, ...]) -> Edges:
     """The edges of a mesh, its lengths times ``scale`` (3,), in the frame of the ``<collision>`` element [m]. Read once
     for each version of the file (time and size of its last change)."""
-    status = path.stat()
-    return _read_edges(path, scale, status.st_mtime_ns, status.st_size)
-
-
-def read_triangles(path: Path) -> Array:
-    """(f, 3, 3) the corners of the faces of a mesh, in the unit of the file; of a very fine one those of its hull."""
-    mesh = _load_mesh(path)
-    if len(mesh.faces) > MAX_FACES:
-        mesh = mesh.convex_hull
-    triangles = np.asarray(mesh.triangles, dtype=float)
-    if not len(triangles) or not _usable(triangles) or not np.ptp(triangles.reshape(-1, 3), axis=0).max():
-        raise UnreadMeshError(f"mesh {path.name} is empty or broken")
-    return triangles
-
-
-@lru_cache(maxsize=64)
-def _read_edges(path: Path, scale: tuple[float, ...], _changed: int, _size: int) -> Edges:
-    """The edges [m]; ``_changed`` and ``_size`` are in the key of the cache alone."""
     mesh = _load_mesh(path)
     vertices = np.asarray(mesh.vertices, dtype=float) * np.array(scale)
     edges = np.asarray(mesh.edges_unique)
@@ -71,6 +52,17 @@ def _read_edges(path: Path, scale: tuple[float, ...], _changed: int, _size: int)
     if len(mesh.faces) > MAX_FACES:
         return Edges.about(vertices)
     return Edges(vertices[edges[:, 0]], vertices[edges[:, 1]])
+
+
+def read_triangles(path: Path) -> Array:
+    """(f, 3, 3) corners of the faces of a mesh in the unit of its file; of a very fine one those of its hull."""
+    mesh = _load_mesh(path)
+    if len(mesh.faces) > MAX_FACES:
+        mesh = mesh.convex_hull
+    triangles = np.asarray(mesh.triangles, dtype=float)
+    if not len(triangles) or not _usable(triangles) or not np.ptp(triangles.reshape(-1, 3), axis=0).max():
+        raise UnreadMeshError(f"mesh {path.name} is empty or broken")
+    return triangles
 
 
 def _usable(coordinates: Array) -> bool:

@@ -57,8 +57,7 @@ def beyond_limits(robot: Robot, posture: Sequence[float]) -> tuple[tuple[Joint, 
 
 
 def joints_at_limits(robot: Robot, Q: Array) -> list[str]:
-    """The joints that stand at a limit in some of the postures Q (N, n) [rad or m]: controllers seldom go so far.
-    Joints that are held, of equal limits, are none of them."""
+    """Joints at a limit in some postures Q (N, n) [rad or m], held ones left out: controllers seldom go so far."""
     Q = np.atleast_2d(Q)
     lower, upper = np.array(robot.lower), np.array(robot.upper)
     near = np.any((Q - lower < _AT_LIMIT) | (upper - Q < _AT_LIMIT), axis=0) & (upper - lower > _AT_LIMIT)
@@ -95,7 +94,7 @@ def _values_by_order(robot: Robot, posture: Any) -> list[Any]:
 
 
 def _read_value(joint: Joint, value: object, issues: list[Issue]) -> float:
-    """The value [rad or m]; zero with an issue where it cannot be read, so that all faults are reported together."""
+    """[rad or m]; zero with an issue."""
     key = ("posture", joint.name)
     if isinstance(value, str):
         try:
@@ -112,9 +111,8 @@ def _read_value(joint: Joint, value: object, issues: list[Issue]) -> float:
 
 
 def drawn_between(robot: Robot, whole: Collection[int] = ()) -> tuple[Array, Array]:
-    """(n,), (n,) the bounds [rad or m] that random postures are drawn between. The limits. Of a turning joint whose
-    limits are more than a turn apart, the one turn within them whose middle is nearest to zero, as further turns repeat
-    the same places: ``low = min(max(−π, lower), upper − 2π)``."""
+    """(n,), (n,) bounds [rad or m] of random postures: the limits, or of wider turning joints, those of ``whole`` left
+    out, one turn nearest to zero, as further turns repeat the places: ``low = min(max(−π, lower), upper − 2π)``."""
     lower, upper = np.array(robot.lower), np.array(robot.upper)
     wide = np.array([joint.type == "revolute" for joint in robot.joints]) & (upper - lower > TURN)
     wide[list(whole)] = False

@@ -67,20 +67,17 @@ class PresetFile(Spec):
     def build(self) -> Robot:
         """The preset in numbers, with the source of each group of numbers."""
         given, robot = self.repeatability, self.robot.build(Path())
+        # As constants: errors of the first frame are those of the base.
+        first = [Factor(f.kind, f.axis, f.nominal) for f in self.first_frame.factors("base") if f.nominal]
         return replace(
             robot,
             name=self.title,
-            links=((*self._first_factors(), *robot.links[0]), *robot.links[1:]),
+            links=((*first, *robot.links[0]), *robot.links[1:]),
             sources=tuple(self.source.items()),
             notes=self.notes,
             repeatability=Repeatability(given.value, given.source) if given else None,
             mounting_below=self.mounting_below,
         )
-
-    def _first_factors(self) -> tuple[Factor, ...]:
-        """``first_frame`` as constants: errors of it are those of the base."""
-        factors = self.first_frame.factors("base")
-        return tuple(Factor(factor.kind, factor.axis, factor.nominal) for factor in factors if factor.nominal)
 
 
 class PresetRobot(RobotFormat):
@@ -130,9 +127,9 @@ def load_preset(name: str) -> Robot:
 
 
 def presets_like(word: str, titles: Mapping[str, str]) -> tuple[str, ...]:
-    """The presets that a word may mean, the likeliest alone where one is: case, blanks, ``-`` and ``_`` do not count.
-    In this order: the same name; a name with its maker in front; names that begin so, or whose titles contain it; the
-    name written most like it, sought in its own family (``kr120``: all ``kr…``), and the whole family where none is."""
+    """Presets that a word may mean, the likeliest alone if one is; case, blanks, ``-`` and ``_`` do not count. In this
+    order: the name; a name behind its maker; beginnings of names, or parts of titles; the name written most like it,
+    sought in its family (``kr120``: all ``kr…``), else that family."""
     asked = _plain(word)
     names = {_plain(name): name for name in titles}
     if asked in names:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -18,15 +18,13 @@ from posture_opt.limits import MOST_JOINTS
 from posture_opt.numerics import Array
 from posture_opt.robot.corrections import with_velocities
 from posture_opt.robot.format import FULL_TURN, RobotFormat, check_joint_name
-from posture_opt.robot.robot import Joint, Robot, UrdfDescription
-from posture_opt.robot.shape import BASE
+from posture_opt.robot.robot import BASE, Joint, Robot, UrdfDescription
 from posture_opt.robot.shape_section import replaces_shape, shaped
-from posture_opt.robot.srdf import read_srdf
 from posture_opt.robot.urdf_chain import ChainSegment, link_factors, segments_of
-from posture_opt.robot.urdf_reader import MAX_BYTES, in_urdf, read_urdf
+from posture_opt.robot.urdf_reader import MAX_BYTES, MAX_NUMBER, Element, in_urdf, read_elements, read_urdf
 from posture_opt.robot.urdf_shape import Carried, UrdfShape, urdf_shape
-from posture_opt.robot.urdf_tip import ChosenTip, chosen_tip
-from posture_opt.robot.urdf_tree import UrdfJoint, UrdfTree
+from posture_opt.robot.urdf_tree import ChosenTip, UrdfJoint, UrdfTree, chosen_tip
+from posture_opt.texts import number_or_nan, text_fault
 
 # Types of URDF joints with one variable; continuous is a revolute joint without limits
 _MOVING_TYPES = ("revolute", "continuous", "prismatic")
@@ -96,7 +94,11 @@ class UrdfRobot(RobotFormat):
         return self._tip(read_urdf(self._located_file(folder)))
 
     def _base(self, tree: UrdfTree) -> str:
-        base = self.base_link or _only_root(tree.roots())
+        roots = tree.roots()
+        if not self.base_link and len(roots) != 1:
+            message = f"the URDF has {len(roots)} root links, the file falls apart"
+            raise InputError(Issue(message, ("base_link",), None, f"name one: base_link: {listed(roots)}"))
+        base = self.base_link or roots[0]
         tree.require(base, "base_link")
         return base
 
@@ -122,32 +124,19 @@ def _with_srdf(
 ) -> Robot:
     found = read_srdf(folder, file, tree)
     bodies = {BASE: base_link, **{segment.moving.name: segment.moving.child for segment in segments}}
-    carried = {
-        joint: [name for name, _ in tree.rigid(link) if tree.collisions.get(name)] for joint, link in bodies.items()
-    }
-    return replace(
-        robot,
-        allowed_collisions=found.allowed_pairs(carried),
-        named_postures=found.postures(robot.joint_names),
-    )
+    carried = {j: [name for name, _ in tree.rigid(link) if tree.collisions.get(name)] for j, link in bodies.items()}
+    allowed, postures = found.allowed_pairs(carried), found.postures(robot.joint_names)
+    return replace(robot, allowed_collisions=allowed, named_postures=postures)
 
 
 def _own_shape(tree: UrdfTree, base_link: str, segments: Sequence[ChainSegment], end: Array, file: Path) -> UrdfShape:
-    """The shape of the file's ``<collision>`` elements, capsules in the frame behind each joint. Behind the last joint
-    that is the flange, whatever is fixed in between: ``end`` (4, 4) is the child link of that joint in it, lengths in
-    [m]."""
-    frames = [*[np.eye(4)] * (len(segments) - 1), end]
-    carried = [
-        Carried(segment.moving.name, segment.moving.child, T) for segment, T in zip(segments, frames, strict=True)
-    ]
-    return urdf_shape(tree, (Carried(BASE, base_link, np.eye(4)), *carried), file)
+    """The shape of the file's ``<collision>`` elements, capsules in the frame behind each joint.
 
-
-def _only_root(links: list[str]) -> str:
-    if len(links) == 1:
-        return links[0]
-    message = f"the URDF has {len(links)} root links, the file falls apart"
-    raise InputError(Issue(message, ("base_link",), None, f"name one: base_link: {listed(links)}"))
+    Behind the last joint that is the flange: ``end`` (4, 4) is the child link of that joint in it, lengths in [m].
+    """
+    frames = [np.eye(4)] * (len(segments) - 1) + [end]
+    links = [Carried(s.moving.name, s.moving.child, T) for s, T in zip(segments, frames, strict=True)]
+    return urdf_shape(tree, (Carried(BASE, base_link, np.eye(4)), *links), file)
 
 
 def _chain_faults(path: list[UrdfJoint]) -> Iterator[Issue]:
@@ -210,9 +199,100 @@ def _joint_of(tree: UrdfTree, segment: ChainSegment) -> Joint:
         x, y, z = (T_child_end[:3, :3].T @ (centre - T_child_end[:3, 3])).tolist()
         com = (x, y, z)
     kind: Literal["revolute", "prismatic"] = "prismatic" if moving.type == "prismatic" else "revolute"
-    velocity, effort = map(_known, (moving.velocity, moving.effort))
+    # Zero stands for unknown in many files.
+    velocity, effort = (limit if limit and limit > 0 else math.nan for limit in (moving.velocity, moving.effort))
     return Joint(moving.name, kind, *_joint_limits(moving), mass, com, velocity=velocity, effort=effort)
 
 
-def _known(limit: float | None) -> float:
-    return limit if limit is not None and limit > 0 else math.nan
+_FREE_JOINTS = ("floating", "planar")  # Types of joints with several values, as of a base that drives: never in a chain
+
+
+@dataclass(frozen=True)
+class Srdf:
+    """Pairs of links and named postures of an SRDF (MoveIt, "URDF and SRDF": disable_collisions, group_state)."""
+
+    disabled: frozenset[frozenset[str]]  # pairs of links whose collisions are not checked
+    states: dict[str, dict[str, float]]  # name -> joint -> value [rad or m]
+
+    def allowed_pairs(self, carried: dict[str, list[str]]) -> frozenset[frozenset[str]]:
+        """Pairs of joints of which no links are checked against each other, by the links with a shape that each
+        carries."""
+        names = list(carried)
+        return frozenset(
+            frozenset((a, b))
+            for k, a in enumerate(names)
+            for b in names[:k]
+            if carried[a]
+            and carried[b]
+            and all(frozenset((one, other)) in self.disabled for one in carried[a] for other in carried[b])
+        )
+
+    def postures(self, joints: tuple[str, ...]) -> tuple[tuple[str, tuple[tuple[str, float], ...]], ...]:
+        """The named postures of some joints; states of other joints alone, of a gripper say, are left out."""
+        found = (
+            (name, tuple((joint, values[joint]) for joint in joints if joint in values))
+            for name, values in self.states.items()
+        )
+        return tuple((name, values) for name, values in found if values)
+
+
+def read_srdf(folder: Path, file: str, tree: UrdfTree) -> Srdf:
+    """The SRDF in ``file``, named from ``folder``, of the robot of a URDF."""
+    try:
+        path = located(folder, file)
+        root = read_elements(content(path, MAX_BYTES))[0]
+        if root.tag != "robot":
+            raise InputError(Issue(f"the file is no SRDF: it begins with <{root.tag}>, not <robot>", line=root.line))
+        pairs = (frozenset(_text(e, key) for key in ("link1", "link2")) for e in root.each("disable_collisions"))
+        disabled = frozenset(pair for pair in pairs if len(pair) == 2)
+        named = {link for pair in disabled for link in pair}
+        if named and not named & {*tree.links}:
+            raise InputError(Issue("none of its links is in the URDF", hint="is it that of another robot?"))
+        return Srdf(disabled, _states(root, {joint.name for joint in tree.joints if joint.type not in _FREE_JOINTS}))
+    except InputError as error:
+        lines = [f"line {issue.line}: " if issue.line else "" for issue in error.issues]
+        raise InputError([
+            Issue(f"{line}{issue.message}", ("srdf",), file, issue.hint)
+            for line, issue in zip(lines, error.issues, strict=True)
+        ]) from None  # fmt: skip
+
+
+def _states(root: Element, single: set[str]) -> dict[str, dict[str, float]]:
+    """The named states; of several of one name, in several groups, the one with most joints. Values of joints with
+    several degrees of freedom, which are none of the ``single`` ones, are left out."""
+    found: dict[str, dict[str, float]] = {}
+    stated: set[tuple[str, str]] = set()
+    for state in root.each("group_state"):
+        name, group = _text(state, "name"), _text(state, "group")
+        if (name, group) in stated:
+            raise InputError(Issue(f"the state '{name}' of the group '{group}' is stated twice", line=state.line))
+        stated.add((name, group))
+        values: dict[str, float] = {}
+        for joint in state.each("joint"):
+            moved = _text(joint, "name")
+            if moved in values:
+                raise InputError(Issue(f"the state '{name}' states the joint '{moved}' twice", line=joint.line))
+            if moved in single or len(_text(joint, "value").split()) < 2:
+                values[moved] = _value(joint)
+        if len(values) > len(found.get(name, {})):
+            found[name] = values
+    return found
+
+
+def _value(joint: Element) -> float:
+    """The value [rad or m] of a joint in a state."""
+    text = _text(joint, "value")
+    value = number_or_nan(text)
+    if not math.isfinite(value):
+        raise InputError(Issue(f"the value '{text}' of a joint is no number", line=joint.line))
+    if abs(value) > MAX_NUMBER:
+        raise InputError(Issue(f"the value '{text}' of a joint is not plausible", line=joint.line))
+    return value
+
+
+def _text(element: Element, key: str) -> str:
+    given = element.attributes.get(key, "")
+    fault = text_fault(given)
+    if fault is not None:
+        raise InputError(Issue(f"<{element.tag} {key}=…>: {fault[0]}", hint=fault[1], line=element.line))
+    return given

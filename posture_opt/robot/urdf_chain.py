@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -25,7 +26,7 @@ class ChainSegment:
     @property
     def T_child_end(self) -> Array:  # noqa: N802
         """(4, 4) the pose of the end of the segment in the child link of its joint, lengths in [m]."""
-        return _product_of(self.behind)
+        return functools.reduce(np.matmul, self.behind, np.eye(4))
 
 
 def segments_of(path: list[UrdfJoint]) -> list[ChainSegment]:
@@ -43,7 +44,7 @@ def segments_of(path: list[UrdfJoint]) -> list[ChainSegment]:
 
 
 def link_factors(segment: ChainSegment, index: int) -> tuple[Factor, ...]:
-    """Fixed origins (unnamed), the joint's own origin (named), its motion, and what is fixed behind the last joint."""
+    """Fixed origins (unnamed), the joint's origin (named) and motion, and the fixed origins behind the last joint."""
     joint = segment.moving
     return (
         *(factor for origin in segment.before for factor in _constant_factors(origin)),
@@ -65,15 +66,14 @@ def _origin_factors(joint: UrdfJoint) -> tuple[Factor, ...]:
 
 
 def _constant_factors(origin: Array) -> tuple[Factor, ...]:
-    """An origin (4, 4) as at most six factors without names; those of value zero are left out."""
+    """An origin (4, 4) as up to six unnamed factors."""
     named = frame_factors("", *xyz_rpy(origin))
     return tuple(replace(factor, parameter="") for factor in named if factor.nominal != 0.0)
 
 
 def xyz_rpy(T: Array) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Position (3,) [m] and (roll, pitch, yaw) [rad] of a frame (4, 4), with ``R = Rz(yaw) Ry(pitch) Rx(roll)``. Roll
-    is taken from what yaw and pitch leave over, so the product is exact at pitch = ±90° too, where yaw and roll turn
-    about one axis and only their sum is given."""
+    """Position (3,) [m] and (roll, pitch, yaw) [rad] of a frame (4, 4), ``R = Rz(yaw) Ry(pitch) Rx(roll)``. Roll is
+    what yaw and pitch leave over: exact at pitch = ±90° too, where only the sum of yaw and roll is given."""
     R = T[:3, :3]
     cos_pitch = math.hypot(R[0, 0], R[1, 0])
     yaw = math.atan2(R[1, 0], R[0, 0]) if cos_pitch > 1e-13 else math.atan2(-R[0, 1], R[1, 1])
@@ -102,11 +102,3 @@ def _motion_factors(joint: UrdfJoint, index: int) -> tuple[Factor, ...]:
         Factor("rotate", 1, -pitch),
         Factor("rotate", 2, -yaw),
     )
-
-
-def _product_of(frames: tuple[Array, ...]) -> Array:
-    """(4, 4) the product of frames (4, 4), from left to right."""
-    T = np.eye(4)
-    for frame in frames:
-        T = T @ frame
-    return T

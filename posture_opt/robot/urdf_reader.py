@@ -19,7 +19,7 @@ from posture_opt.errors import InputError, Issue
 from posture_opt.files import content
 from posture_opt.numerics import Array
 from posture_opt.robot.urdf_tree import Collision, Inertial, UrdfJoint, UrdfTree
-from posture_opt.texts import one_line, text_fault
+from posture_opt.texts import number_or_nan, one_line, text_fault
 from posture_opt.units import NEGLIGIBLE
 
 MAX_ELEMENTS = 100_000  # Elements of a file; a humanoid with hands has some ten thousand
@@ -115,7 +115,7 @@ def urdf_tree(data: bytes, name: str) -> UrdfTree:
 
 
 def in_urdf(issue: Issue, path: Path) -> Issue:
-    """The issue about a line of the URDF file as one about the key ``file``, with the place where it was looked for."""
+    """An issue about the key ``file``, with the place of the file and its line."""
     line = f":{issue.line}" if issue.line else ""
     where = "" if path.is_absolute() else f" (in {path.absolute().parent})"
     return replace(issue, message=f"{path}{line}{where}: {issue.message}", key=("file",), value=str(path), line=0)
@@ -165,7 +165,7 @@ def _tree_of(robot: Element, stem: str) -> UrdfTree:
 
 @dataclass(frozen=True)
 class _UrdfReader:
-    """Turns elements into links and joints; ``issues`` gathers what is wrong with them."""
+    """Elements as links and joints; ``issues`` gathers faults."""
 
     issues: list[Issue]
 
@@ -209,7 +209,7 @@ class _UrdfReader:
         return Inertial(mass, self._origin_of(element, owner)[:3, 3])
 
     def collisions(self, link: str, element: Element) -> Iterator[Collision]:
-        """The bodies of a link; what has no extent and what is no known geometry is left out."""
+        """Bodies of a link with an extent and a known geometry."""
         owner = f"<collision> of link '{link}'"
         for collision in element.each("collision"):
             for geometry in (inside for part in collision.each("geometry") for inside in part.inside):
@@ -229,7 +229,7 @@ class _UrdfReader:
         return tuple(numbers) if len(given) == len(_GEOMETRY_SIZES[geometry.tag]) else (0.0,)
 
     def text(self, element: Element, key: str, owner: str) -> str:
-        """An attribute that must be a text in one line and not empty; an issue where it is not."""
+        """An attribute in one line and not empty, or an issue."""
         given = element.attributes.get(key, "")
         if not given:
             message = f"{owner} lacks its {key}"
@@ -253,7 +253,7 @@ class _UrdfReader:
         return _origin_transform(self._three_numbers(origin, "xyz", owner), self._three_numbers(origin, "rpy", owner))
 
     def _three_numbers(self, element: Element | None, key: str, owner: str) -> Array:
-        """(3,) the numbers of an attribute ([m], [rad] or none, as there); zeros where it is missing."""
+        """(3,) the numbers of an attribute [m or rad], zeros without it."""
         given = element.attributes.get(key) if element else None
         if element is None or given is None:
             return np.zeros(3)
@@ -265,7 +265,7 @@ class _UrdfReader:
 
     def _finite_numbers(self, element: Element, key: str, words: list[str], count: int, owner: str) -> list[float]:
         """``count`` finite numbers, `NEGLIGIBLE` ones as zeros; zeros and an issue where the words are none."""
-        numbers = [_float_or_nan(word) for word in words]
+        numbers = [number_or_nan(word) for word in words]
         finite = len(numbers) == count and all(map(math.isfinite, numbers))
         if finite and all(abs(number) < MAX_NUMBER for number in numbers):
             return [number if abs(number) > NEGLIGIBLE else 0.0 for number in numbers]
@@ -274,13 +274,6 @@ class _UrdfReader:
         message = f'{owner}: <{element.tag} {key}="{given}"> {fault}'
         self.issues.append(Issue(message, value=given, hint="is the exponent right?" * finite, line=element.line))
         return [0.0] * count
-
-
-def _float_or_nan(word: str) -> float:
-    try:
-        return float(word)
-    except ValueError:
-        return math.nan
 
 
 def _origin_transform(xyz: Array, rpy: Array) -> Array:

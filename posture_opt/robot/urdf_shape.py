@@ -19,7 +19,7 @@ from posture_opt.errors import listed
 from posture_opt.numerics import TURN, Array
 from posture_opt.robot.capsule_fit import Edges, fitted_capsules
 from posture_opt.robot.meshes import UnreadMeshError, located_mesh, read_mesh
-from posture_opt.robot.shape import BASE, Capsule, moved
+from posture_opt.robot.robot import BASE, Capsule, moved
 from posture_opt.robot.urdf_tree import Collision, UrdfTree
 
 _RIM_CORNERS = 48  # Corners of the polygon about a cylinder's rim: it is 0.2 % wider than the rim

@@ -25,8 +25,7 @@ from posture_opt.workers.record_pattern import Either, recorded
 if TYPE_CHECKING:
     from posture_opt.selection.answer.solution import Solution
 
-MOST_PAGES = 20
-"""Answers that bring a page of their own: drawing an arm takes a second or two, and a page some 0.5 MB."""
+MOST_PAGES = 20  # answers that bring a page of their own: drawing an arm takes a second or two, and a page some 0.5 MB
 _FAILURES = {2: "with bad input", 3: "without a solution", 4: "with too few data", 1: "stopped by a defect"}
 
 
@@ -197,10 +196,10 @@ _KNOWN = {
     "success_probability": Either(float, None),
 }
 _PAGE = Either(None, (str, str))
+# The pattern of what `solved` returns: of a document what is read of it.
 _ANSWER = Either(
     (frozenset({0}), [str], _KNOWN, _PAGE), (frozenset({1, 2, 3, 4}), [str], Either(None, _UNKNOWN), _PAGE)
 )
-"""The pattern of what `solved` returns: of a document what is read of it."""
 
 
 @recorded(lambda seed, item: _ANSWER)

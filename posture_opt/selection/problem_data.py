@@ -48,7 +48,7 @@ class ProblemData(Summarised, ABC):
 
     @cached_property
     def task_sources(self) -> Sources:
-        """Whose errors a task sees: those of the arm and those of the workpiece."""
+        """Errors of the arm and of the workpiece."""
         return self.sources if self.workpiece_sources.empty else self.sources.plus(self.workpiece_sources)
 
     @property
@@ -65,7 +65,7 @@ class ProblemData(Summarised, ABC):
         return Scene.of(self.robot, cell, without_mounting=self.without_mounting)
 
     def with_workpiece_at(self, w: Array) -> Self:
-        """The same problem with the shape of its workpiece, if it has one, at w (4,): x, y, z [m] and yaw [rad]."""
+        """The problem with its workpiece's shape at w (4,): x, y, z [m] and yaw [rad]."""
         given = None if self.task is None else self.task.workpiece
         return self if given is None or given.file is None else replace(self, part=given.solid(w.tolist()))
 
@@ -88,43 +88,43 @@ class ProblemData(Summarised, ABC):
         return replace(self, without_mounting=True) if self.above_assumed_mounting else None
 
     def without_masses(self) -> Self:
-        """The same problem with an arm of whose links no mass is known."""
+        """The problem with links of unknown mass."""
         bare, nominal = self.robot.without_masses, self.nominal.without_masses
         return replace(self, arm=replace(self.arm, robot=bare), nominal=nominal)
 
     @property
     def corrections(self) -> dict[str, float]:
-        """What is added to the nominal values of parameters, where it is not zero [rad or m]."""
+        """Nonzero deviations from nominal parameters [rad or m]."""
         return {name: value for name, value in corrections_of(self.nominal, self.robot).items() if value}
 
     @property
     def uncorrected(self) -> Self:
-        """The same problem with the arm as it is drawn, without corrections and effects."""
+        """The problem without corrections and effects."""
         return replace(self, arm=Arm(self.nominal))
 
     @abstractmethod
     def with_task(self, kind: str | None = None, **keys: Any) -> ProblemData:
-        """The same problem with another task, or other keys of it."""
+        """The problem with another task, or other keys of its task."""
 
     @abstractmethod
     def with_task_of(self, other: Self) -> ProblemData:
-        """The same arm in the same cell with the task of another problem."""
+        """This arm and cell with another problem's task."""
 
     @abstractmethod
     def with_fit(self, fit: FittedArm) -> ProblemData:
-        """The same problem with the arm that measurements found."""
+        """The problem with a fitted arm."""
 
     @abstractmethod
     def released(self, frames: Sequence[str], parameters: Sequence[str], effects: Sequence[Effect] = ()) -> Self:
-        """The same problem with frames free, without the stated σ's of parameters, and with more effects."""
+        """The problem with frames free, without stated σ's of parameters, with more effects."""
 
     @abstractmethod
     def without_noise(self) -> ProblemData:
-        """The same problem without the effects that only add scatter."""
+        """The problem without effects that only add scatter."""
 
     @abstractmethod
     def replace(self, **changes: Any) -> ProblemData:
-        """The same problem with other values at some keys of its file."""
+        """The problem with other values at some keys of its file."""
 
     @abstractmethod
     def to_dict(self) -> dict[str, Any]:
@@ -136,7 +136,7 @@ class ProblemData(Summarised, ABC):
 
     @abstractmethod
     def files(self, stem: str) -> dict[str, bytes]:
-        """File name -> content: the problem file and what it needs beside it."""
+        """File name -> content: the problem file and its companions."""
 
 
 Problem = TypeVar("Problem", bound=ProblemData)
@@ -153,13 +153,12 @@ def with_fallbacks(problem: Problem, solve: Callable[[Problem], Answer]) -> Answ
     return solve(problem)
 
 
-NEGLIGIBLE = {"m": 1e-11, "rad": 1e-13}
-"""Below, a deviation is rounding: [m], and [rad] at any reach of an arm."""
+NEGLIGIBLE = {"m": 1e-11, "rad": 1e-13}  # below, a deviation is rounding: [m], and [rad] at any reach of an arm
 
 
 @dataclass(frozen=True, eq=False)
 class FittedArm:
-    """The arm that fits measurements: deviations of parameters, effects, and what is still uncertain of both."""
+    """The arm that fits measurements: deviations, effects, and their remaining uncertainty."""
 
     label: str  # beside the name of the problem: calibrated
     deviations: Mapping[str, float]  # of parameters from the problem's values [rad or m]; such a frame is known

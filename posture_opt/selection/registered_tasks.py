@@ -31,7 +31,7 @@ class BrokenTask:
 
 @dataclass(frozen=True)
 class RegisteredTasks:
-    """What the installed packages register: classes that can be used, and what is wrong with the others."""
+    """Usable classes of installed packages, and defects of the others."""
 
     tasks: tuple[type[Task], ...] = ()
     broken: tuple[BrokenTask, ...] = ()
@@ -46,7 +46,7 @@ def registered_tasks() -> RegisteredTasks:
 
 @cache
 def every_task() -> tuple[type[Task], ...]:
-    """The tasks of this package, and those of others behind them."""
+    """Tasks of this package, then those of others."""
     return (*own.TASKS, *registered_tasks().tasks)
 
 

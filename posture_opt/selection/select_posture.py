@@ -14,8 +14,8 @@ from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.problem_data import ProblemData, with_fallbacks
 
 Answer: TypeAlias = Solution
+# Imported where a task needs them: one target is answered without.
 _FEATURES, _PATHS = "posture_opt.selection.stations.features_selection", "posture_opt.selection.paths.path_selector"
-"""Imported where a task needs them: one target is answered without."""
 
 
 def planned_posture(problem: ProblemData, *, seed: int | None = None, workers: int = 1) -> Solution:
@@ -26,7 +26,7 @@ def planned_posture(problem: ProblemData, *, seed: int | None = None, workers: i
 def at_one_feature(
     models: Mapping[str, ProblemData], problem: ProblemData, *, seed: int | None, workers: int
 ) -> Mapping[str, ProblemData]:
-    """The same models at one target: the feature of ``problem`` that scatters most, where it is placed."""
+    """The models at one target: the feature of ``problem`` that scatters most, where it is placed."""
     if problem.task is None or not problem.task.features:
         return models
     target = planned_posture(problem, seed=seed, workers=workers).target

@@ -25,7 +25,7 @@ from posture_opt.report.scene.arm_geometry import ErrorRegion, enlargement
 from posture_opt.report.text.words import roll_pitch_yaw
 from posture_opt.statements import Quantity, notation
 from posture_opt.uncertainty.simulation.cloud import cloud_of
-from posture_opt.uncertainty.sources.source_names import source_words
+from posture_opt.uncertainty.sources.sources import source_words
 from posture_opt.units import plus_minus
 from tests.helpers import factors
 from tests.helpers.folders import names as names_in

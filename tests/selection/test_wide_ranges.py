@@ -12,7 +12,7 @@ import pytest
 
 import posture_opt as po
 from posture_opt.robot.posture import drawn_between
-from posture_opt.selection.search.batches import until_recurrence
+from posture_opt.selection.search.multistart import until_recurrence
 from tests.helpers.planar_2r import postures_at
 from tests.helpers.variants import conformance
 

@@ -10,7 +10,7 @@ from scipy.special import elliprg
 
 import posture_opt as po
 from posture_opt.uncertainty.regions.regions import coverage_probability
-from posture_opt.uncertainty.sources.iso9283 import (
+from posture_opt.uncertainty.sources.repeatability import (
     distance_moments,
     orientation_performance,
     position_accuracy,

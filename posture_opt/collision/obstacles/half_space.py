@@ -12,8 +12,6 @@ from pydantic import Field, field_validator
 
 from posture_opt.collision.facets import rectangle
 from posture_opt.collision.obstacles.obstacle import FREE, Obstacle, ProductSolid, Size
-from posture_opt.collision.segment_distances import to_half_space
-from posture_opt.collision.smooth_bounds import half_space_bounds
 from posture_opt.errors import BadValueError
 from posture_opt.numerics import Array
 from posture_opt.units import Length
@@ -43,22 +41,18 @@ class HalfSpace(Obstacle):
         return x / size, y / size, z / size
 
     def smaller(self, by: Size) -> Self:
-        """The same half-space with its surface ``by`` [m] farther in."""
         return self.model_copy(update={"offset": self.offset - by})
 
     @property
     def half_thickness(self) -> float:
-        """Infinite: there is always something left."""
         return math.inf
 
     def moved(self, shift: Sequence[Size]) -> Self:
-        """The same half-space shifted by (3,) [m], world: only the part along its normal counts."""
         along = sum(n * d for n, d in zip(self.unit_normal, shift, strict=True))
         return self.model_copy(update={"offset": self.offset + along})
 
     @property
     def product(self) -> ProductSolid:
-        """All below zero along the first axis of a frame on its surface."""
         normal = np.array(self.unit_normal)
         side = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
         side /= np.linalg.norm(side)
@@ -67,15 +61,14 @@ class HalfSpace(Obstacle):
 
     def distance(self, start: Array, end: Array) -> Array:
         """(...) least height of segments (..., 3) over the surface [m], world; negative by the depth below it."""
-        return to_half_space(start, end, np.array(self.unit_normal), self.offset)
+        normal = np.array(self.unit_normal)
+        return np.asarray(np.minimum(start @ normal, end @ normal) - self.offset)
 
     def extent(self, direction: Array) -> float:
-        """Greatest coordinate of its points along a unit vector (3,), world [m]: finite along its normal only."""
         along = float(np.dot(self.unit_normal, direction))
         return self.offset if along > 1 - 1e-12 else math.inf  # rounding of a cosine
 
     def facets(self, lower: Array, upper: Array) -> Array:
-        """(k, 4, 3) small faces of its surface in the box from ``lower`` to ``upper`` (3,), (3,) [m], world."""
         normal, middle = np.array(self.unit_normal), (lower + upper) / 2
         foot = middle - (middle @ normal - self.offset) * normal
         u = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
@@ -85,5 +78,6 @@ class HalfSpace(Obstacle):
         return np.asarray(faces[inside])
 
     def bounds(self, start: ca.SX, along: ca.SX, length: float, radius: float) -> list[ca.SX]:
-        """Heights of both ends of a capsule over the surface [m]."""
-        return half_space_bounds(start, along, self.unit_normal, self.offset, radius)
+        n = ca.DM(list(self.unit_normal))
+        ends = [start] if along.is_zero() else [start, start + along]
+        return [ca.dot(n, end) - self.offset - radius for end in ends]

@@ -113,12 +113,12 @@ class Obstacle(Spec):
 
     @property
     def product(self) -> ProductSolid:
-        """The same solid as a product of balls, world; of a union that of each of its `parts`."""
+        """The solid as a product of balls, world; of a union that of each of its `parts`."""
         raise NotImplementedError
 
     @property
     def parts(self) -> tuple[Obstacle, ...]:
-        """The convex solids, each a product, whose union it is."""
+        """Convex solids, each a product, whose union it is."""
         return (self,)
 
     @abstractmethod
@@ -140,7 +140,7 @@ class Obstacle(Spec):
 
     @abstractmethod
     def moved(self, shift: Sequence[Size]) -> Self:
-        """The same solid shifted by (3,) [m], world; symbols give one whose `bounds` are expressions of them."""
+        """The solid shifted by (3,) [m], world; `bounds` may be expressions of symbols."""
 
     @abstractmethod
     def extent(self, direction: Array) -> float:
@@ -175,7 +175,6 @@ class PlacedObstacle(Obstacle):
         return R @ (start - ca.vertcat(*self.xyz)), R @ along
 
     def moved(self, shift: Sequence[Size]) -> Self:
-        """The same solid with its origin shifted by (3,) [m], world."""
         return self.model_copy(update={"xyz": tuple(x + d for x, d in zip(self.xyz, shift, strict=True))})
 
     @property

@@ -36,8 +36,7 @@ from posture_opt.model.effects import (
     Limit,
     NoiseEffect,
 )
-from posture_opt.model.effects.base.gravity_load import GravityLoaded
-from posture_opt.model.effects.base.joint_effect import LostMotion
+from posture_opt.model.effects.base.joint_effect import GravityLoaded, LostMotion
 from posture_opt.model.effects.base.multiples import RotatingPart, resolution
 from posture_opt.model.effects.base.plausible_range import PlausibleRange
 from posture_opt.numerics import Array, Codes, Json
@@ -53,9 +52,16 @@ class Finding:
     """One cause with its size.
 
     Args:
-        estimate: parameter -> (value, standard error, SI unit).
-        refuted_sigma: of a statement of the file that the data refute, its σ [SI], 0 where it was exact; else None. It
-            is found before the search: the arm has it, and the model fits no size of it.
+        estimate: parameter -> (value, standard error, SI unit); the total with what the file has, ``stated``.
+        p_value: family-wise, of the data without this cause.
+        gain: relative drop of the RMS of held-out rows by it, all else fitted again without it; ``interval`` 95 %.
+        determined: whether the data determine the size, whatever else is chosen beside it; else it is stated nowhere.
+        place: of an effect among those of the model; ``stated_parts`` those of its parts that the cause is of, and
+            ``open_part`` the rest, lines that the data do not determine beside others.
+        refuted_sigma: of a statement of the file that the data refute, its σ [SI], 0 where it was exact; it is found
+            before the search: the arm has it, and the model fits no size of it.
+        would_need: what would have to be true for a size beyond ``plausible_range``; else empty.
+        parts: of its joint that turn as often as it repeats.
     """
 
     cause: Cause
@@ -79,24 +85,20 @@ class Finding:
     def independent(
         cls, cause: Cause, estimate: Estimates, p_value: float, gain: float, confounded_with: tuple[Cause, ...]
     ) -> Finding:
-        """Of independent estimates, determined where each of them is."""
         sizes = ((np.array([value]), np.array([[std**2]])) for value, std, _ in estimate.values())
         determined = all(is_determined(*size) for size in sizes)
         return cls(cause, estimate, p_value, gain, confounded_with, determined=determined)
 
     @property
     def sizes(self) -> FittedSizes:
-        """Its size as words and inspections need it."""
         return self.fitted or FittedSizes(self.estimate)
 
     @property
     def label(self) -> str:
-        """Kind and target, as its size has them."""
         return self.cause.labelled(self.sizes)
 
     @property
     def size_text(self) -> str:
-        """The size that is shown with its words; empty where no single number says it, or no data."""
         return self.cause.headline(self.sizes) if self.determined else ""
 
     @property
@@ -106,7 +108,6 @@ class Finding:
 
     @property
     def plausible(self) -> bool:
-        """Whether an arm can have this cause in this size, by what is published."""
         return not self.would_need
 
     @property
@@ -128,12 +129,9 @@ class Finding:
         return self.cause if isinstance(self.cause, NoiseEffect) else None
 
     def inspect(self, robot: Robot) -> str:
-        """What to look at on the arm, in one line."""
         return self.cause.inspect_fitted(robot, self.sizes)
 
     def to_json(self) -> dict[str, Json]:
-        """The entry of ``effects`` in ``diagnosis.json``."""
-        interval = {} if self.interval is None else {"gain_interval95": list(self.interval)}
         stated = {name: {"stated": value} for name, value in _named_values(self.stated).items()}
 
         def alias(rival: Cause) -> bool:
@@ -151,7 +149,7 @@ class Finding:
             },
             "p_value": self.p_value,
             "gain": self.gain,
-            **interval,
+            **({} if self.interval is None else {"gain_interval95": list(self.interval)}),
             "confounded_with": [
                 {"kind": c.kind, "target": c.target, **({"qualifier": c.qualifier} if alias(c) else {})}
                 for c in self.confounded_with
@@ -236,12 +234,10 @@ def tool_shifts(model: Fit, finding: Finding) -> tuple[Array, Array]:
 
 
 def noise_finding(cause: NoiseCause) -> Finding:
-    """A kind of noise as a finding: it brings nothing to the errors themselves."""
     return Finding.independent(cause.effect, cause.estimate, cause.p_value, 0.0, cause.confounded_with)
 
 
 def contradiction_findings(calibration: Calibration) -> list[Finding]:
-    """What the file states as known and the data refute, as findings; the gain is that of setting it aside."""
     refuted = (c for c in calibration.contradictions if c.gain > 0)
     return [Finding(c.cause, c.estimate, c.p_value, c.gain, refuted_sigma=c.sigma) for c in refuted]
 

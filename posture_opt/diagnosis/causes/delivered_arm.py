@@ -35,8 +35,6 @@ from posture_opt.validation.residual_scatter import residual_scatter
 
 @dataclass(frozen=True, eq=False)
 class PredictiveModel:
-    """An arm with effects, each of which rows held out from the fit need."""
-
     calibration: Calibration
     fit: Fit
     kept: tuple[int, ...]
@@ -109,7 +107,14 @@ DeliveredAs = Literal["delivered", "together", "session", "size_undetermined", "
 
 @dataclass(frozen=True, eq=False)
 class Delivery:
-    """The arm to plan with."""
+    """The arm to plan with, by places of effects in the model of all effects.
+
+    Args:
+        session: of the session, ``vague`` of undetermined size: all else is fitted for both to be absent.
+        dropped: held-out rows are predicted no worse without them.
+        together: those of ``kept`` that are sure beside the rest of this very arm only.
+        nominal: whether no effect is delivered, and the geometry of the calibration neither.
+    """
 
     fit: Fit
     held: HeldOut
@@ -122,13 +127,11 @@ class Delivery:
 
     @property
     def model(self) -> Literal["extended", "without_session", "calibrated", "nominal"]:
-        """Which arm it is: with all effects, without those of the session, or with none of them."""
         if not self.kept:
             return "nominal" if self.nominal else "calibrated"
         return "without_session" if self.session else "extended"
 
     def status(self, place: int) -> DeliveredAs:
-        """How the effect at a place of the model is delivered, or why it is not."""
         if place in self.kept:
             return "together" if place in self.together else "delivered"
         if place in self.session:
@@ -136,7 +139,6 @@ class Delivery:
         return "size_undetermined" if place in self.vague else "no_gain"
 
     def to_json(self, effects: Sequence[Effect]) -> dict[str, Json]:
-        """The part ``delivered`` of ``diagnosis.json``; ``effects`` are those of the model."""
         reasons = {"session": self.session, "size_undetermined": self.vague, "no_gain": self.dropped}
         left = [(effects[i], reason) for reason, places in reasons.items() for i in places]
         return {
@@ -153,7 +155,8 @@ def deliver_arm(
     """What is delivered of a model: an arm that predicts held-out rows better than the calibrated one, or that one."""
     stays = [i for i, effect in enumerate(model.effects) if outlasts_session(effect, with_time)]
     session = tuple(i for i in range(len(model.effects)) if i not in stays)
-    sure = {i: _sure_parts(model, i) for i in stays}
+    whole = {i: tuple(range(len(model.effects[i].size_parts))) for i in stays}
+    sure = {i: whole[i] if determines_all(model, i) else determined_parts(model, i) for i in stays}
     vague = tuple(i for i in stays if not sure[i])
     stays = [i for i in stays if sure[i]]
     rests = (model.effects[i].without_parts(sure[i]) for i in stays)
@@ -174,12 +177,6 @@ def deliver_arm(
     together = tuple(i for k, i in enumerate(kept) if len(stated_parts(fit, k)) < len(fit.effects[k].size_parts))
     dropped = tuple(i for i in stays if i not in kept)
     return Delivery(fit, errors, tuple(kept), session, vague, dropped, together, nominal)
-
-
-def _sure_parts(model: Fit, place: int) -> tuple[int, ...]:
-    if determines_all(model, place):
-        return tuple(range(len(model.effects[place].size_parts)))
-    return determined_parts(model, place)
 
 
 def _of_kept(model: Fit, deviations: Array, fit: Fit, parts: Mapping[int, Sequence[int]]) -> Array:

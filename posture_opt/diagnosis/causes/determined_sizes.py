@@ -12,7 +12,7 @@ from posture_opt.calibration.estimation.effect_sensitivities import EffectSensit
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.diagnosis.search.nested_selection import NestedSelection
 from posture_opt.model.effects import Effect
-from posture_opt.model.effects.base.gravity_load import GravityLoaded
+from posture_opt.model.effects.base.joint_effect import GravityLoaded
 from posture_opt.numerics import Array, Codes
 
 
@@ -107,7 +107,6 @@ def places_of_parts(model: Fit, place: int, parts: Sequence[int]) -> list[int]:
 
 
 def undetermined(model: Fit) -> list[int]:
-    """The places of the effects of a fit whose sizes the data do not determine."""
     return [place for place in range(len(model.effects)) if not determined_parts(model, place)]
 
 
@@ -132,7 +131,7 @@ def choice_deviations(model: Fit, calibrated: Fit, nested: NestedSelection, size
 
 
 def with_choice_errors(fit: Fit, deviations: Array) -> Fit:
-    """The same estimate, its neighbours unknown as its parameters are: ``C + (t / 1.96)² Σ δ_k δ_kᵀ / (K − 1)``.
+    """Add the spread between the folds' choices to a covariance: ``C + (t / 1.96)² Σ δ_k δ_kᵀ / (K − 1)``.
 
     Sources: Buckland, Burnham, Augustin (1997), equation 4, the choices of the folds for the models; JCGM 100:2008,
     annex G.3, for t.
@@ -193,7 +192,7 @@ def _set_parameters(model: Fit, place: int, moved: Array, x: Array) -> None:
 
 
 def with_mass_errors(fit: Fit) -> Fit:
-    """The same estimate with what the errors of stated masses do to it: ``C + Σ_k s_k s_kᵀ``.
+    """Add the errors of stated masses to the covariance of an estimate: ``C + Σ_k s_k s_kᵀ``.
 
     ``s_k = −σ A⁺ ∂(Z θ)/∂ln m_k`` with A all columns of the fit and Z those of the effects that rest on masses, of size
     θ: parameters that are not estimated, but considered. Where payloads differ, these determine the sizes, and s_k is

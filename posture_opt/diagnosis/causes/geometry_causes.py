@@ -59,7 +59,6 @@ class Estimated:
     covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def without(self, places: Sequence[int]) -> Estimated:
-        """The others, whatever those are."""
         kept = [k for k, place in enumerate(self.places) if place not in places]
         return Estimated(tuple(self.places[k] for k in kept), self.covariance[np.ix_(kept, kept)])
 
@@ -78,11 +77,9 @@ class _FewParameters:
 
     @property
     def others(self) -> list[int]:
-        """The parameters that are not of free frames."""
         return [i for i in range(len(self.x_frames)) if not np.any(self.free[i])]
 
     def with_only(self, chosen: Sequence[int]) -> Fit:
-        """The one with so many single parameters."""
         key = tuple(chosen)
         if key not in self._made:
             known = self.estimated.without([*chosen, *np.flatnonzero(np.any(self.free, axis=1))])
@@ -205,7 +202,6 @@ class Correction:
 
     @property
     def certain(self) -> bool:
-        """Whether it differs from zero by 1.96 standard errors."""
         return abs(self.value) > CERTAIN * self.std
 
     @property

@@ -43,7 +43,6 @@ class Gain:
         return cls(float(1 - np.sqrt(total[0] / max(total[1], 1e-300))), float(low), float(high))
 
     def to_json(self) -> dict[str, Json]:
-        """Plain numbers."""
         return {"value": self.value, "interval95": [self.low, self.high]}
 
 
@@ -60,12 +59,10 @@ class SecondSession:
 
     @property
     def models(self) -> Mapping[str, Statistics]:
-        """Position errors by model."""
         return self.file.models
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What has to be said of these figures."""
         return ("base and tool are fitted again to the test file",) * self.file.refitted + self.unstated
 
     def to_json(self) -> dict[str, Json]:

@@ -15,8 +15,6 @@ from posture_opt.model.effects import NOISES, NoiseEffect, Pattern, Rows, Stated
 from posture_opt.numerics import Array, Mask
 from posture_opt.validation.scatter_model import null_sets
 
-GROSS_ERRORS = "gross errors"  # a law of residuals: Gaussian with a few gross errors
-
 
 @dataclass(frozen=True)
 class NoiseCandidate:
@@ -43,12 +41,10 @@ class NoiseCandidate:
 
     @property
     def who(self) -> tuple[str, str]:
-        """Kind and target."""
         return self.kind, self.target
 
     @property
     def estimate(self) -> dict[str, tuple[float, float, str]]:
-        """Its size by name: value, standard error, SI unit."""
         name, unit = self.quantity
         return {name: (self.size, self.std, unit)}
 
@@ -228,63 +224,36 @@ def score_stated_sigma(variance: float, freedom: int, kurtosis: float, estimated
     return NoiseCandidate(StatedSigma.kind_name(), "data", ratio, p, ("factor", "1"), factor, std, named)
 
 
-@dataclass(frozen=True)
-class Tails:
-    """How the lengths of residuals are spread: as Gaussian ones, with long tails, or with a few gross errors.
+def gross_errors(e: Array) -> tuple[Mask, float] | None:
+    """Rows (N,) that are gross errors among residuals (N, d) of equal covariance, and the BIC of the next best law.
 
-    Args:
-        rows: (N,) whether a row is rather a gross error, by the mixture.
+    Less that of a Gaussian with a few gross errors; None where a Gaussian or Student's t is the better law.
     """
-
-    shape: str
-    freedom: float
-    share: float
-    rows: Mask
-    evidence: float
-
-
-def fit_tails(e: Array) -> Tails:
-    """Gaussian, Student's t, or Gaussian with a few gross errors: the law of residuals (N, d) of equal covariance."""
     N, d = e.shape
     squares = np.einsum("nd,nd->n", e, e)
-    gaussian = -2 * _gaussian_likelihood(squares, d) + np.log(N)
-    student, freedom = _student_fit(squares, d)
-    mixture, share, rows = _mixture_fit(squares, d)
-    values = {
-        "gaussian": gaussian,
-        "heavy": -2 * student + 2 * np.log(N),
-        GROSS_ERRORS: -2 * mixture + 3 * np.log(N),
-    }
-    if not 0 < rows.sum() <= max(1.0, 0.1 * N):
-        values[GROSS_ERRORS] = np.inf
-    order = sorted(values, key=lambda name: values[name])
-    return Tails(order[0], freedom, share, rows, float(values[order[1]] - values[order[0]]))
+    gaussian = -N * d / 2 * (np.log(2 * np.pi * squares.mean() / d) + 1)
+    mixture, rows = _mixture_fit(squares, d)
+    laws = -2 * np.array([gaussian, _student_likelihood(squares, d), mixture]) + np.log(N) * np.array([1, 2, 3])
+    few = 0 < rows.sum() <= max(1.0, 0.1 * N)  # the mixtures of Tukey (1960) go to 10 %
+    return (rows, float(laws[:2].min() - laws[2])) if few and laws[2] < laws[:2].min() else None
 
 
-def _gaussian_likelihood(squares: Array, d: int) -> float:
-    """Log likelihood of squared lengths (N,) of d Gaussian coordinates each, their variance the likeliest."""
-    s2 = squares.mean() / d
-    return float(-len(squares) * d / 2 * (np.log(2 * np.pi * s2) + 1))
-
-
-def _student_fit(squares: Array, d: int) -> tuple[float, float]:
-    """Log likelihood and degrees of freedom of Student's t that fits squared lengths (N,) best."""
+def _student_likelihood(squares: Array, d: int) -> float:
+    """Log likelihood of Student's t that fits squared lengths (N,) best."""
     from scipy.special import gammaln
 
-    best, freedom = -np.inf, np.inf
+    found = []
     for nu in np.geomspace(1.5, 60, 40):  # from tails without a variance to all but Gaussian ones
         s2 = squares.mean() / d
         for _ in range(30):  # of EM (Lange, Little, Taylor 1989): more digits than a choice by BIC needs
             weights = (nu + d) / (nu + squares / s2)
             s2 = float(np.mean(weights * squares) / d)
         value = len(squares) * (gammaln((nu + d) / 2) - gammaln(nu / 2) - d / 2 * np.log(np.pi * nu * s2))
-        value -= (nu + d) / 2 * float(np.log1p(squares / (nu * s2)).sum())
-        if value > best:
-            best, freedom = float(value), float(nu)
-    return best, freedom
+        found.append(value - (nu + d) / 2 * float(np.log1p(squares / (nu * s2)).sum()))
+    return float(max(found))
 
 
-def _mixture_fit(squares: Array, d: int) -> tuple[float, float, Mask]:
+def _mixture_fit(squares: Array, d: int) -> tuple[float, Mask]:
     """EM for ``(1 − w) N(0, s²) + w N(0, (f s)²)``, f at least 4 (Dempster, Laird, Rubin 1977)."""
     s2 = float(np.median(squares)) / d
     share, wide = 0.02, max(float(squares.max()) / d, 25 * s2)
@@ -300,4 +269,4 @@ def _mixture_fit(squares: Array, d: int) -> tuple[float, float, Mask]:
         share = float(np.clip(weight.mean(), 1e-6, 0.5))
         s2 = float(np.sum((1 - weight) * squares) / (d * np.sum(1 - weight)))
         wide = max(float(np.sum(weight * squares) / max(d * weight.sum(), 1e-9)), 16 * s2)
-    return value, share, np.asarray(weight > 0.5)
+    return value, np.asarray(weight > 0.5)

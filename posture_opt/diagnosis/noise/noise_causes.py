@@ -14,9 +14,8 @@ from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.calibration.instruments import variance_components
 from posture_opt.diagnosis.noise.noise_candidates import (
-    GROSS_ERRORS,
     NoiseCandidate,
-    fit_tails,
+    gross_errors,
     score_stated_sigma,
     score_uneven_noise,
     standardised_residuals,
@@ -38,21 +37,21 @@ _NO_SCATTER = 1e-9  # of the stated σ: rows that are met exactly, and repeats t
 
 
 def noise_causes(
-    problem: ProblemData,
-    calibration: Calibration,
-    model: Fit,
-    baseline: ProjectedBaseline,
-    adequacy: float,
-    seed: int,
+    problem: ProblemData, calibration: Calibration, model: Fit, baseline: ProjectedBaseline, adequacy: float, seed: int
 ) -> tuple[list[NoiseCause], list[UnevenErrors]]:
-    """Noisy joints or noise that grows with the range; gross outliers; a stated σ that is wrong."""
+    """Noisy joints or noise that grows with the range; gross outliers; a stated σ that is wrong.
+
+    The second list holds errors that only look like a noisy joint. A stated σ is wrong where readings, or repeats,
+    scatter otherwise: in residuals, structure and a noisy joint swell them too. Without enough of either, an arm that
+    leaves much more than is stated is left unexplained.
+    """
     if rms(model.whitened) < _NO_SCATTER:
         return [], []
     samples = noise_samples(problem, model.residuals, baseline, _joint_columns(model), sided_joints(model))
     level = levels.FURTHER_NOISE_LEVEL if model.effects else levels.NOISE_LEVEL
     found, uneven = find_uneven_noise(samples.everything, samples.repeats, seed, level, samples.readings)
-    other = bool(found or uneven)
-    found += [] if adequacy < levels.LACK_OF_FIT_LEVEL else _outlier_causes(calibration, model, other)
+    if calibration.outliers and not (found or uneven) and adequacy >= levels.LACK_OF_FIT_LEVEL:
+        found += _outlier_causes(calibration, model)
     if not position_sigma(problem, model.residuals.data) or found:
         return found, uneven
     quantities, repeated = _quantities(problem, model.residuals), samples.repeated
@@ -70,6 +69,7 @@ def noise_causes(
 
 
 def _scattering_joint(repeated: NoiseSample, quantities: Sequence[_Quantity], seed: int) -> NoiseCause | None:
+    """The joint along which repeats scatter, and as stated across it, where structure hides that in all rows."""
     found = score_uneven_noise(repeated.e, repeated.rows, seed)
     if not found or not found[0].of_arm or found[0].p_value > levels.FURTHER_NOISE_LEVEL:
         return None
@@ -82,6 +82,7 @@ def _scattering_joint(repeated: NoiseSample, quantities: Sequence[_Quantity], se
 def _excess_errors(
     problem: ProblemData, model: Fit, quantities: Sequence[_Quantity], read: NoiseSample | None
 ) -> list[UnevenErrors]:
+    """Errors larger than instrument and joints as stated allow, or than readings show where these scatter by more."""
     left = model.whitened.reshape(-1, model.residuals.block)
     left = in_stated_units(problem, model.residuals, left, _joint_columns(model), assumed=True)[0]
     found = list[UnevenErrors]()
@@ -97,6 +98,7 @@ def _excess_errors(
 
 
 def _wrong_instruments(problem: ProblemData, model: Fit) -> list[UnevenErrors]:
+    """Instruments of a mixed file that scatter more than stated while another does not: what lacks shows in all."""
     data, kind = model.residuals.data, model.residuals.data.kind
     assert isinstance(kind, Mixed), "a file of several instruments"
     assert data.part is not None, "a file of several instruments"
@@ -263,21 +265,16 @@ def in_stated_units(
     return whitened_repeats(e, columns, S, repeat_of_row(residuals.data), instrument)
 
 
-def _outlier_causes(calibration: Calibration, model: Fit, other: bool) -> list[NoiseCause]:
-    if not calibration.outliers or other:
-        return []
+def _outlier_causes(calibration: Calibration, model: Fit) -> list[NoiseCause]:
+    """Gross errors among all rows of known sides, where a few explain the tails better than a long-tailed law."""
     residuals = calibration.residuals
     everyone = model.residuals.of_data(residuals.data, residuals.distances)
     e = everyone.whitened(model.x)[: everyone.measured].reshape(-1, residuals.block)
-    law = fit_tails(e[known_sides(model, residuals.data)])
-    if law.shape != GROSS_ERRORS:
+    found = gross_errors(e[known_sides(model, residuals.data)])
+    if found is None or (p := float(np.exp(-max(found[1], 0.0) / 2))) > levels.NOISE_LEVEL:
         return []
-    count = int(law.rows.sum())
-    p = float(np.exp(-max(law.evidence, 0.0) / 2))
-    if p > levels.NOISE_LEVEL:
-        return []
-    share = Outliers(share=count / len(law.rows))
-    return [NoiseCause(share, {"count": (float(count), float("nan"), "1")}, p)]
+    count, rows = float(found[0].sum()), len(found[0])
+    return [NoiseCause(Outliers(share=count / rows), {"count": (count, float("nan"), "1")}, p)]
 
 
 @dataclass(frozen=True)
@@ -296,7 +293,6 @@ class NoiseFloor:
 
     @property
     def label(self) -> str:
-        """Its name in tables and figures."""
         return "measurement noise" if self.repeated else f"{self.source} as stated"
 
     @classmethod

@@ -23,11 +23,7 @@ from posture_opt.validation.scatter_model import whitened_repeats
 
 @dataclass(frozen=True)
 class NoiseCause:
-    """A kind of noise that is named, with its size.
-
-    Args:
-        estimate: name -> (value, standard error, SI unit).
-    """
+    """A kind of noise that is named, with its size; estimate: name -> (value, standard error, SI unit)."""
 
     effect: NoiseEffect
     estimate: Mapping[str, tuple[float, float, str]]
@@ -65,7 +61,6 @@ class NoiseSample:
     posture: Codes | None = None
 
     def take(self, kept: Codes) -> NoiseSample:
-        """Some of the rows."""
         rows = self.rows
         few = replace(
             rows,
@@ -84,7 +79,6 @@ class NoiseSample:
 
     @property
     def none(self) -> NoiseSample:
-        """No rows at all."""
         return self.take(np.zeros(0, dtype=np.intp))
 
     def scaled(self, scale: Array) -> NoiseSample:
@@ -118,7 +112,6 @@ class NoiseSample:
         return cls(np.concatenate([sample.e for sample in samples]), rows, posture)
 
     def between(self, contrasts: Contrasts) -> NoiseSample:
-        """The differences between repeats alone."""
         scale = 1 / np.sqrt(contrasts.reading)
         levers = np.moveaxis(contrasts.means(np.moveaxis(self.rows.levers, 0, 2)) * scale[:, None, None], 2, 0)
         ranges = None if self.rows.ranges is None else contrasts.means(self.rows.ranges)
@@ -279,7 +272,6 @@ class RepeatPlan:
 
     @property
     def target(self) -> str:
-        """The joint in question."""
         return self.errors.effect.target
 
     def to_json(self) -> dict[str, Json]:

@@ -1,16 +1,20 @@
-"""Candidates of a diagnosis: named effects and unnamed components, their columns, and their score tests."""
+"""Candidates of a diagnosis, their columns and score tests, and the linearised data that they explain."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
-from posture_opt.calibration.estimation.effect_sensitivities import EffectSensitivities
+from posture_opt.calibration.assumptions.instrument import position_sigma
+from posture_opt.calibration.calibration import Calibration
+from posture_opt.calibration.estimation.effect_sensitivities import EffectSensitivities, case_of
+from posture_opt.calibration.estimation.least_squares import triangular_factor
 from posture_opt.diagnosis.scores import levels
-from posture_opt.diagnosis.scores.fourier_sums import scan_frequencies
 from posture_opt.diagnosis.scores.score_tests import (
     NullDistribution,
     ProjectedBaseline,
@@ -20,6 +24,7 @@ from posture_opt.diagnosis.scores.score_tests import (
     log_p,
     orthonormal_basis,
     projected_basis,
+    scan_frequencies,
 )
 from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent, unnamed_components
 from posture_opt.measurements.measurements import Measurements
@@ -55,12 +60,10 @@ class Candidate:
 
     @property
     def named(self) -> bool:
-        """Whether it is an effect of the catalogue."""
         return isinstance(self.what, Effect)
 
     @property
     def detached(self) -> Candidate:
-        """With columns of its own, so that the blocks in which they are kept can be freed."""
         return self if self.place is None else replace(self, Z=self.Z.copy(), place=None)
 
     @property
@@ -74,16 +77,6 @@ class Candidate:
         return self.what.for_planning
 
     @property
-    def less_likely(self) -> bool:
-        """Whether it has a name and is asked for more evidence than others."""
-        return self.what.less_likely
-
-    @property
-    def limits(self) -> tuple[float, float]:
-        """Physical limits of its parameters [SI]."""
-        return self.what.limits
-
-    @property
     def kind(self) -> str:
         return self.what.kind
 
@@ -93,18 +86,12 @@ class Candidate:
 
     @property
     def family(self) -> str:
-        """Family of tests that it belongs to."""
         return self.what.family
 
     @property
     def key(self) -> tuple[str, str]:
         """Kind and target: of all shapes the best one is kept."""
         return self.kind, self.target
-
-    @property
-    def exclusive(self) -> object:
-        """Common to candidates that are shapes of one effect, of which a model holds one."""
-        return self.what.exclusive
 
 
 @dataclass(frozen=True, eq=False)
@@ -248,7 +235,7 @@ def score_candidates(
     rss = baseline.rss
     values = log_p(gains[:, 0], rss[0], sizes, baseline.freedom)
     cyclic, lowest = _cyclic_candidates(baseline, sensitivities, lines)
-    families = np.array([candidate.family for candidate in offered])
+    families = np.array([candidate.what.family for candidate in offered])
     least = {
         family: _least_log_p(gains[families == family], sizes[families == family], baseline)
         for family in levels.FAMILY_SHARES
@@ -258,7 +245,7 @@ def score_candidates(
 
     def scored(candidate: Candidate, left: float, p: float, gain: float) -> ScoredCandidate:
         share = gain / float(rss[0]) if rss[0] > 0 else 0.0
-        return ScoredCandidate(candidate, left, p, null.family_wise(p, candidate.family), share)
+        return ScoredCandidate(candidate, left, p, null.family_wise(p, candidate.what.family), share)
 
     best: dict[tuple[str, str], int] = {}
     for row, candidate in enumerate(offered):
@@ -276,10 +263,10 @@ def _within_limits(baseline: ProjectedBaseline, candidates: Sequence[Candidate],
     """``gains`` (candidates, 1 + B) without those whose estimate is beyond the physical limits of the parameters."""
     gains = np.where(gains > np.array([c.most for c in candidates])[:, None], 0.0, gains) if candidates else gains
     for row, candidate in enumerate(candidates):
-        if np.isfinite(candidate.limits).any():
+        if np.isfinite(candidate.what.limits).any():
             Z = baseline.project(candidate.Z)
             sizes, errors = fitted_sizes(Z.T @ Z, Z.T @ baseline.flipped, baseline.rss / max(baseline.freedom, 1))
-            gains[row, np.any(beyond_limits(sizes, errors, *candidate.limits), axis=0)] = 0.0
+            gains[row, np.any(beyond_limits(sizes, errors, *candidate.what.limits), axis=0)] = 0.0
     return gains
 
 
@@ -325,7 +312,6 @@ class Lines:
         return 1.5 * float(np.diff(self.cycles[:2]).sum())
 
     def candidate(self, cycles: float, sensitivities: EffectSensitivities) -> Candidate:
-        """The line of so many cycles per revolution: a sine and a cosine of the joint value about its centre."""
         line = self.form.with_shape(float(cycles))
         return Candidate(line, sensitivities.columns(line), len(self.cycles) / OVERSAMPLING)
 
@@ -357,3 +343,67 @@ def _cyclic_candidates(
             p = float(log_p(gains[k : k + 1], rss[:1], 2, baseline.freedom)[0])
             found.append((lines.candidate(lines.cycles[k], sensitivities), p))
     return found, lowest
+
+
+@dataclass(frozen=True, eq=False)
+class LinearisedData:
+    """The residuals of a calibrated arm with the sensitivities that could explain them: ``r ≈ G x + Z θ + noise``.
+
+    Args:
+        r: (m,) whitened residuals [1].
+        G: (m, k) columns of the geometry that the data determine.
+        groups: (m,) the pose of every residual, whose signs are flipped together.
+    """
+
+    sensitivities: EffectSensitivities
+    excitation: Excitation
+    r: Array
+    G: Array
+    groups: Codes
+    flips: int = 299
+    seed: int = 0
+    count: int = 0
+    instrument: float = np.inf
+
+    @cached_property
+    def lines(self) -> tuple[Lines, ...]:
+        """The lines of each revolute joint that its values resolve."""
+        return lines_of_joints(self.excitation, self.sensitivities.residuals.data)
+
+    def columns(self, members: Sequence[Candidate]) -> tuple[Array, list[slice]]:
+        """Columns (m, K) of the geometry and some members, and which of them each member has."""
+        edges = np.cumsum([self.G.shape[1], *(s.Z.shape[1] for s in members)]).tolist()
+        return np.concatenate([self.G, *(s.Z for s in members)], axis=1), [slice(a, b) for a, b in pairwise(edges)]
+
+    def baseline(self, chosen: Sequence[Candidate] = (), flips: int | None = None) -> ProjectedBaseline:
+        """The geometry and the chosen candidates projected off the residuals."""
+        flips = self.flips if flips is None else flips
+        return ProjectedBaseline.of(self.r, self.columns(chosen)[0], self.groups, flips, self.seed, self.count)
+
+    def reduced(self, members: Sequence[Candidate]) -> tuple[LinearisedData, list[Candidate]]:
+        """Data and members in coordinates of the space that geometry and members span, and one for all outside it."""
+        columns, places = self.columns(members)
+        R = triangular_factor(np.concatenate([columns, self.r[:, None]], axis=1))
+        r, R = R[:, -1], R[:, :-1]
+        parts = [replace(s, Z=R[:, own]) for s, own in zip(members, places, strict=True)]
+        groups = np.zeros(len(r), dtype=np.intp)
+        count = self.count or len(self.r)
+        return replace(self, r=r, G=R[:, : self.G.shape[1]], groups=groups, flips=0, count=count), parts
+
+
+def linearise_calibration(calibration: Calibration, flips: int = 299, seed: int = 0) -> LinearisedData:
+    """The residuals of a calibrated arm, without its outliers, about its estimate."""
+    kept = calibration.kept_rows
+    residuals = calibration.residuals.take(kept)
+    r, J = residuals.residuals_and_jacobian(calibration.x)
+    sensitivities = EffectSensitivities(residuals, calibration.x)
+    poses = np.repeat(np.unique(residuals.data.pose, return_inverse=True)[1], residuals.block)
+    apart = len(poses) + np.arange(len(residuals.distances))  # no two known distances err together
+    groups = np.unique(np.concatenate([poses, apart]), return_inverse=True)[1]
+    G = J @ calibration.identifiability.directions
+    stated = position_sigma(calibration.request.problem, residuals.data)
+    excitation = case_of(residuals.data, residuals.robot)
+    return LinearisedData(
+        sensitivities, excitation, r, G, groups, flips, seed,
+        instrument=stated / residuals.sigma if stated else np.inf,
+    )  # fmt: skip

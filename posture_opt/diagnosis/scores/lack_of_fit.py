@@ -46,13 +46,8 @@ class HeldResiduals:
         left = both - Q @ (Q.T @ both)
         return cls(left[: len(r)], left[len(r) :], Q)
 
-    @property
-    def fitted(self) -> int:
-        """How many parameters were fitted."""
-        return int(self.basis.shape[1])
-
     def weighed(self, scatter: Array, cell: Codes, repeat: Codes, code: Codes) -> HeldResiduals:
-        """The same least squares for the means of each cell, weighed as an arm whose joints scatter asks for.
+        """The least squares of the means of each cell, weighed as an arm whose joints scatter asks for.
 
         Args:
             scatter: (C, block, k) shift of a cell by each of k joints, per standard deviation of its scatter.
@@ -80,7 +75,13 @@ class HeldResiduals:
 
 @dataclass(frozen=True)
 class Adequacy:
-    """Two tests for anything left unexplained."""
+    """Two tests for anything left unexplained.
+
+    Args:
+        lack_of_fit: p-value of the scatter about the model against that of repeats.
+        structure: family-wise p-value of residuals of neighbours that are alike; ``place`` the variable along which
+            they are most alike: a joint, ``side of JOINT``, ``tool point``, ``time``, ``payload`` or ``temperature``.
+    """
 
     lack_of_fit: float
     structure: float
@@ -88,7 +89,6 @@ class Adequacy:
 
     @property
     def p_value(self) -> float:
-        """Of both tests together (Bonferroni)."""
         return float(min(1.0, 2 * min(self.lack_of_fit, self.structure)))
 
 
@@ -130,7 +130,8 @@ def lack_of_fit(
     repeat = repeat_of_row(data)
     cell, first, size = _group_codes(repeat, groups)
     code, _, repeats = _group_codes(groups[first])
-    # The targets of one repeat share its scatter too: so many residuals say as much as one.
+    # Readings of one repeat share the joints' scatter, so they count by their mean; so do the targets of one repeat. A
+    # mean of more is more certain where the instrument scatters most, and not where joints do: the larger p-value.
     shared = len(size) / (repeat[-1] + 1)
     weightings = [size.astype(float), np.ones(len(size))]
     if scatter is not None:
@@ -139,7 +140,7 @@ def lack_of_fit(
     else:
         e = _group_means(held.e.reshape(-1, block), cell, np.ones(len(cell)))
     pure_freedom = int((repeats - 1).sum()) * block / shared
-    freedom = (len(size) * block + len(held.prior) - held.fitted) / shared - pure_freedom
+    freedom = (len(size) * block + len(held.prior) - held.basis.shape[1]) / shared - pure_freedom
     if pure_freedom < levels.MIN_REPEAT_FREEDOM or freedom < 1:
         return 1.0
     ratios = []

@@ -121,15 +121,6 @@ def _wald_costs(C: Array, theta: Array, each: Sequence[Codes]) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Additions:
-    """Candidates beside a chosen set, and the sum of squares (n,) that the set with each of them leaves."""
-
-    chosen: Chosen
-    further: Codes
-    rss: Array
-
-
-@dataclass(frozen=True, eq=False)
 class Pool:
     """Candidates by the inner products of their bases projected off the baseline, and the penalty of each.
 
@@ -175,10 +166,10 @@ class Pool:
 
     def additions(self, chosen: Chosen) -> list[tuple[float, Chosen]]:
         """Every set with one candidate more, with its criterion, the best first."""
-        return self.priced(self.explained(chosen))
+        return self.priced(chosen, *self.explained(chosen))
 
-    def explained(self, chosen: Chosen) -> Additions:
-        """What every further candidate explains beside a set, whatever it is charged.
+    def explained(self, chosen: Chosen) -> tuple[Codes, Array]:
+        """Candidates (n,) beside a set, and the the sums of squares (n,) left by both together.
 
         The gain of a candidate is ``Σ (vᵀ b)² / λ`` over the eigenvectors v of its Gram matrix given the set, those
         only that are new by `levels.MIN_DISTINCT_SHARE`.
@@ -195,13 +186,13 @@ class Pool:
         open_ = np.flatnonzero(~np.isin(self.exclusive, self.exclusive[list(chosen)]))
         gains = self._gains(open_, index, cross, left)
         allowed = gains <= self.most[open_]
-        return Additions(chosen, open_[allowed], rss - gains[allowed])
+        return open_[allowed], rss - gains[allowed]
 
-    def priced(self, found: Additions) -> list[tuple[float, Chosen]]:
+    def priced(self, chosen: Chosen, further: Codes, rss: Array) -> list[tuple[float, Chosen]]:
         """Sets with one candidate more, with their criterion by the penalties of this pool, the best first."""
-        m, cost = self.freedom, sum(float(self.penalty[i]) for i in found.chosen)
-        values = m * np.log(np.maximum(found.rss, 1e-300) / m) + cost + self.penalty[found.further]
-        sets = (tuple(sorted((*found.chosen, i))) for i in found.further.tolist())
+        m, cost = self.freedom, sum(float(self.penalty[i]) for i in chosen)
+        values = m * np.log(np.maximum(rss, 1e-300) / m) + cost + self.penalty[further]
+        sets = (tuple(sorted((*chosen, i))) for i in further.tolist())
         return sorted(zip(values.tolist(), sets, strict=True))
 
     def _gains(self, candidates: Codes, index: Codes, cross: Array, left: Array) -> Array:
@@ -219,7 +210,6 @@ class Pool:
 
 
 def exchange_members(pool: Pool, chosen: Chosen) -> Chosen:
-    """Drops and swaps as long as the criterion falls."""
     value = pool.criterion(chosen)
     while True:
         trials = []
@@ -239,6 +229,6 @@ def close_alternatives(pools: Sequence[Pool], chosen: Chosen, member: int, withi
     beside, found = pools[0].explained(rest), list[tuple[float, int]]()
     for pool in pools:
         value = pool.criterion(chosen)
-        near = [(other - value, bigger) for other, bigger in pool.priced(beside) if other <= value + within]
+        near = [(other - value, bigger) for other, bigger in pool.priced(rest, *beside) if other <= value + within]
         found += [(more, next(i for i in bigger if i not in rest)) for more, bigger in near]
     return [(more, new) for more, new in found if new != member]

@@ -54,12 +54,10 @@ class UnnamedComponent(Cause):
 
     @property
     def words(self) -> str:
-        """The component in words of a report."""
         return _PHRASES[self.kind].format(target=self.target)
 
     @property
     def title_or_words(self) -> str:
-        """Its words: it has no name."""
         return self.words
 
 

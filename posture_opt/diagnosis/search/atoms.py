@@ -12,10 +12,9 @@ import numpy as np
 
 from posture_opt.calibration.cross_validation import residual_indices
 from posture_opt.calibration.estimation.effect_sensitivities import EffectSensitivities
-from posture_opt.diagnosis.scores.candidates import Candidate, Lines
-from posture_opt.diagnosis.scores.fourier_sums import FourierSums, weighted_squares
+from posture_opt.diagnosis.scores.candidates import Candidate, LinearisedData, Lines
+from posture_opt.diagnosis.scores.score_tests import FourierSums, weighted_squares
 from posture_opt.diagnosis.scores.subset_selection import projected_gains
-from posture_opt.diagnosis.search.linearised_data import LinearisedData
 from posture_opt.diagnosis.search.selection_criterion import price_of_choice
 from posture_opt.diagnosis.search.shape_refinement import finer_shapes
 from posture_opt.model.effects import CyclicError
@@ -129,19 +128,17 @@ def _along(vectors: Array, lever: Array) -> Array:
 
 
 class WrittenAtoms(Atoms):
-    """Candidates whose columns are stored: everything but lines."""
-
     def __init__(self, candidates: Sequence[Candidate], sensitivities: EffectSensitivities) -> None:
         self.members: tuple[Candidate, ...] = tuple(candidates)
         self._sensitivities = sensitivities
         self._blocks = _column_blocks(candidates)
         self._grams = self._products_of_columns(None)
         self.prices: Array = np.array([price_of_choice(c) for c in candidates])
-        self.limits: Array = np.array([c.limits for c in candidates])
+        self.limits: Array = np.array([c.what.limits for c in candidates])
         self.most: Array = np.array([c.most for c in candidates])
         self._alike: dict[object, list[int]] = {}
         for i, c in enumerate(candidates):
-            self._alike.setdefault(c.exclusive, []).append(i)
+            self._alike.setdefault(c.what.exclusive, []).append(i)
 
     def grams(self, held_out: Sequence[Codes | None]) -> Array:
         """Inner products (F, n, k, k): those of all rows, taken once, less those of the rows that a fold leaves out."""
@@ -182,8 +179,7 @@ class WrittenAtoms(Atoms):
         return projected_gains(gram, (Z.T @ Q).reshape(-1, k, Q.shape[1]), (Z.T @ e).reshape(-1, k))
 
     def excluded(self, chosen: Candidate) -> Codes:
-        """Indices of other shapes of the same effect."""
-        return np.array(self._alike.get(chosen.exclusive, []), dtype=np.intp)
+        return np.array(self._alike.get(chosen.what.exclusive, []), dtype=np.intp)
 
 
 def _column_blocks(candidates: Sequence[Candidate]) -> list[Array]:

@@ -14,11 +14,10 @@ import numpy as np
 
 from posture_opt.calibration.cross_validation import residual_indices
 from posture_opt.diagnosis.scores import levels
-from posture_opt.diagnosis.scores.candidates import Candidate
+from posture_opt.diagnosis.scores.candidates import Candidate, LinearisedData
 from posture_opt.diagnosis.scores.score_tests import beyond_limits, orthonormal_basis, stacked_sizes
 from posture_opt.diagnosis.scores.subset_selection import explained_squares, row_products
 from posture_opt.diagnosis.search.atoms import Atoms, Dictionary
-from posture_opt.diagnosis.search.linearised_data import LinearisedData
 from posture_opt.diagnosis.search.selection_criterion import price_of_parameters
 from posture_opt.diagnosis.search.shape_refinement import sharpen_lines
 from posture_opt.model.effects import CyclicError
@@ -122,9 +121,9 @@ class Pursued:
     runners_up: tuple[Candidate, ...]
 
 
-def pursue_candidates(dictionary: Dictionary, most: int, held_out: Codes | None = None) -> Pursued:
+def pursue_candidates(dictionary: Dictionary, most: int) -> Pursued:
     """The candidates that lower the criterion ``m log RSS + prices`` most, one after another, until none does."""
-    return _pursue_together(dictionary, most, [held_out])[0]
+    return _pursue_together(dictionary, most, [None])[0]
 
 
 def pursue_in_folds(dictionary: Dictionary, most: int, folds: Sequence[Codes]) -> Iterator[Pursued]:
@@ -150,8 +149,6 @@ def _pursue_together(dictionary: Dictionary, most: int, held_out: Sequence[Codes
 
 
 class _Pursuit:
-    """One of the pursuits that run side by side."""
-
     def __init__(self, linearised: LinearisedData, place: int, held_out: Codes | None) -> None:
         self.place = place
         self._linearised, self._whole = linearised, held_out is None
@@ -167,12 +164,10 @@ class _Pursuit:
 
     @property
     def rss(self) -> float:
-        """The sum of squares that is left."""
         return float(self.e @ self.e)
 
     @property
     def goes_on(self) -> bool:
-        """Whether there is anything left to explain, and anything that would."""
         return not self._ended and self.freedom >= 1 and self.rss > 0
 
     def take_best(self, states: Sequence[AtomStates], drops: Sequence[Array]) -> Taken | None:
@@ -195,8 +190,9 @@ class _Pursuit:
         if not q.shape[1]:
             states[best].closed[self.place, index] = True
             return None
-        compact = replace(candidate, Z=candidate.Z.astype(np.float32, copy=False))
-        self.chosen.append(compact if self._compact else candidate)
+        if self._compact:  # in single precision, as those of a dictionary of many rows are
+            candidate = replace(candidate, Z=candidate.Z.astype(np.float32, copy=False))
+        self.chosen.append(candidate)
         if isinstance(candidate.what, CyclicError) and self._together >= len(self.chosen):
             self.chosen = sharpen_lines(self._linearised, self.chosen, self.learn)
             self.Q, self.e = _projected_residuals(self._linearised, self.chosen, self.learn)

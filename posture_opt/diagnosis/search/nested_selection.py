@@ -24,10 +24,9 @@ from posture_opt.calibration.cross_validation import (
 )
 from posture_opt.calibration.estimation.error_statistics import By, folds_of, groups_of
 from posture_opt.calibration.estimation.fit import Fit
-from posture_opt.diagnosis.scores.candidates import Candidate
+from posture_opt.diagnosis.scores.candidates import Candidate, LinearisedData
 from posture_opt.diagnosis.scores.subset_selection import nested_subsets
 from posture_opt.diagnosis.search.atoms import Dictionary
-from posture_opt.diagnosis.search.linearised_data import LinearisedData
 from posture_opt.diagnosis.search.matching_pursuit import Pursued, pursue_in_folds
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.effects import Effect
@@ -86,12 +85,12 @@ class NestedSelection:
         return next((size for size in range(1, self.best) if not clearly_less(best, self.totals[size])), self.best)
 
     def without(self, gone: Callable[[Effect], bool]) -> NestedSelection:
-        """The same choices without some effects: what each fold makes of the rest, fitted for them to be absent."""
+        """Choices without some effects: each fold fits the rest for them to be absent."""
         sets = tuple(tuple(tuple(e for e in own if not gone(e)) for own in fold) for fold in self.sets)
         return replace(self, sets=sets)
 
     def with_moments_of(self, effects: Sequence[Effect]) -> NestedSelection:
-        """The same choices, each slip at the moment of one of ``effects`` where the fold cannot tell them apart."""
+        """Choices with each slip at the moment of one of ``effects`` where the fold cannot tell them apart."""
         steps = [e for e in effects if isinstance(e, Slip)]
         if not steps:
             return self
@@ -161,18 +160,13 @@ def _fold_path(
 
 @dataclass(frozen=True, eq=False)
 class Folding:
-    """A way to leave rows out.
-
-    Args:
-        groups: (N,) codes of rows that are correlated and left out together.
-    """
+    """A way to leave rows out; groups: (N,) codes of rows that are correlated and left out together."""
 
     groups: Codes
     folds: Folds
 
     @classmethod
     def of(cls, data: Measurements, by: By, count: int) -> Folding:
-        """By pose, by place or by block."""
         groups = groups_of(data, by, count)
         return cls(groups, folds_of(groups, count, by))
 

@@ -13,9 +13,8 @@ from posture_opt.calibration.estimation.fit import Fit, agreeing_rows, position_
 from posture_opt.calibration.estimation.least_squares import OUTLIER_MARGIN, find_outliers, outlier_limit
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.diagnosis.scores import levels
-from posture_opt.diagnosis.scores.candidates import Candidate
+from posture_opt.diagnosis.scores.candidates import Candidate, linearise_calibration
 from posture_opt.diagnosis.search.atoms import Dictionary
-from posture_opt.diagnosis.search.linearised_data import linearise_calibration
 from posture_opt.diagnosis.search.matching_pursuit import pursue_candidates
 from posture_opt.diagnosis.search.search import SearchResult, candidates_of
 from posture_opt.model.effects import Effect

@@ -8,11 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from posture_opt.diagnosis.scores import levels
-from posture_opt.diagnosis.scores.candidates import Candidate, ScoredCandidate
-from posture_opt.diagnosis.scores.fourier_sums import scan_frequencies
-from posture_opt.diagnosis.scores.score_tests import ProjectedBaseline, projected_basis
+from posture_opt.diagnosis.scores.candidates import Candidate, LinearisedData, ScoredCandidate
+from posture_opt.diagnosis.scores.score_tests import ProjectedBaseline, projected_basis, scan_frequencies
 from posture_opt.diagnosis.scores.subset_selection import Chosen, Pool, close_alternatives
-from posture_opt.diagnosis.search.linearised_data import LinearisedData
 from posture_opt.diagnosis.search.selection_criterion import (
     beyond_instrument,
     candidate_pool,
@@ -48,7 +46,7 @@ def find_rivals(
     named, persistent = (np.array([getattr(s, name) for s in every]) for name in ("named", "persistent"))
     # A parameter at 2 in place of log m (Akaike 1974): data have not refuted what only costs more.
     less = np.where(named & few, (np.log(pool.freedom) - 2.0) * pool.columns.sizes, 0.0)
-    unlikely = np.array([levels.CHOICE_PENALTY * s.less_likely for s in every])
+    unlikely = np.array([levels.CHOICE_PENALTY * s.what.less_likely for s in every])
     lenient = replace(pool, penalty=pool.penalty - np.maximum(less, 0.0) - unlikely)
     criterion = pool.criterion(members)
     alone = pool.additions(()) if len(members) > 1 else []
@@ -69,8 +67,8 @@ def _best_shapes(pool: Pool, every: Sequence[Candidate], member: int, others: Ch
     found: dict[object, Candidate] = {}
     for k in others:
         if pool.alike(member, k) > levels.MIN_RIVAL_COSINE and every[k].key != every[member].key:
-            found.setdefault(every[k].exclusive, every[k])
-    found.pop(every[member].exclusive, None)
+            found.setdefault(every[k].what.exclusive, every[k])
+    found.pop(every[member].what.exclusive, None)
     return list(found.values())
 
 

@@ -12,6 +12,7 @@ from posture_opt.calibration.data_checks import spread_poses
 from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.scores.candidates import (
     Candidate,
+    LinearisedData,
     ScoredCandidate,
     absorbed_candidates,
     list_candidates,
@@ -20,7 +21,6 @@ from posture_opt.diagnosis.scores.candidates import (
 from posture_opt.diagnosis.scores.score_tests import NullDistribution, ProjectedBaseline
 from posture_opt.diagnosis.scores.subset_selection import exchange_members, nested_subsets
 from posture_opt.diagnosis.search.atoms import Dictionary
-from posture_opt.diagnosis.search.linearised_data import LinearisedData
 from posture_opt.diagnosis.search.matching_pursuit import pursue_candidates
 from posture_opt.diagnosis.search.nested_selection import Folding, NestedSelections
 from posture_opt.diagnosis.search.rivals import Rivals, find_rivals
@@ -61,7 +61,6 @@ class InitialScores:
 
     @property
     def best_p_value(self) -> float:
-        """Family-wise p-value of the best candidate; 1 without any."""
         return self.scored[0].p_value if self.scored else 1.0
 
     def decided(self) -> InitialScores:
@@ -123,12 +122,10 @@ class SearchResult:
 
     @property
     def size(self) -> int:
-        """How many candidates were chosen, every line of a joint counted."""
         return _count(self.chosen)
 
     @property
     def detached(self) -> SearchResult:
-        """Without the dictionary that it was found in."""
         return replace(
             self,
             chosen=tuple(s.detached for s in self.chosen),
@@ -201,7 +198,6 @@ def search_effects(
 
 
 def candidates_of(linearised: LinearisedData) -> list[Candidate]:
-    """Every candidate but lines, with what the instrument as stated limits them to."""
     return list_candidates(linearised.sensitivities, linearised.excitation, linearised.G, linearised.instrument)
 
 
@@ -294,7 +290,6 @@ def _exchanged_members(
 
 
 def _refined_members(linearised: LinearisedData, members: Sequence[Candidate]) -> list[Candidate]:
-    """The members, each at the shape that explains most given the others."""
     found = list(members)
     for i, member in enumerate(found):
         if not isinstance(member.what, CyclicError) and has_shape(linearised.sensitivities, member):
@@ -310,7 +305,10 @@ def remaining_unnamed(linearised: LinearisedData, found: SearchResult) -> tuple[
         return unnamed
     names = found.names.chosen
     weighed = ((s, member_weights(linearised, [*names, s])[-1][0]) for s in unnamed)
-    return tuple(s for s, p in weighed if found.null.family_wise(p, s.family) < levels.FURTHER_EFFECT_LEVEL) or unnamed
+    return (
+        tuple(s for s, p in weighed if found.null.family_wise(p, s.what.family) < levels.FURTHER_EFFECT_LEVEL)
+        or unnamed
+    )
 
 
 def keep_named(linearised: LinearisedData, found: SearchResult, kept: Sequence[int]) -> SearchResult:
@@ -330,7 +328,6 @@ def keep_named(linearised: LinearisedData, found: SearchResult, kept: Sequence[i
 
 
 def _search_result(start: InitialScores, found: _Selection) -> SearchResult:
-    """The members by their weight, each with its p-value given the others and its rivals."""
     weights = member_weights(start.linearised, found.chosen)
     order = sorted(range(len(weights)), key=lambda i: -weights[i][1])
     chosen = tuple(found.chosen[i] for i in order)

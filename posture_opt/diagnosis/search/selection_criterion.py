@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from posture_opt.diagnosis.scores import levels
-from posture_opt.diagnosis.scores.candidates import Candidate
+from posture_opt.diagnosis.scores.candidates import Candidate, LinearisedData
 from posture_opt.diagnosis.scores.score_tests import (
     NullDistribution,
     ProjectedBaseline,
@@ -17,26 +17,23 @@ from posture_opt.diagnosis.scores.score_tests import (
     log_p,
 )
 from posture_opt.diagnosis.scores.subset_selection import Pool, nested_subsets
-from posture_opt.diagnosis.search.linearised_data import LinearisedData
 from posture_opt.model.effects import Effect, FittedSizes
 from posture_opt.numerics import Array, Codes
 
 
 def merged_candidates(former: Iterable[Candidate], new: Iterable[Candidate]) -> tuple[Candidate, ...]:
-    """The former candidates, and the new ones that are not among them."""
     former = tuple(former)
     known = {str(s.what) for s in former}
     return (*former, *(s for s in new if str(s.what) not in known))
 
 
 def candidate_pool(baseline: ProjectedBaseline, candidates: Sequence[Candidate]) -> Pool:
-    """Candidates with their penalties on a baseline; two shapes of one effect exclude each other."""
     columns = ProjectedColumns.of(baseline, [s.Z for s in candidates])
     freedom, rss = baseline.freedom, float(baseline.e @ baseline.e)
     evidence = columns.gains / max(rss / max(freedom, 1), 1e-300)
     choice = np.array([price_of_choice(s) for s in candidates])
     codes: dict[object, int] = {}
-    exclusive = np.array([codes.setdefault(s.exclusive, len(codes)) for s in candidates])
+    exclusive = np.array([codes.setdefault(s.what.exclusive, len(codes)) for s in candidates])
     most = np.array([s.most for s in candidates])
     penalty = price_of_parameters(columns.sizes, evidence, max(freedom, 1)) + choice
     return Pool(columns, rss, freedom, penalty, exclusive, most)
@@ -48,7 +45,7 @@ def price_of_choice(candidate: Candidate) -> float:
     Extended BIC (Chen, Chen 2008). Less likely are unnamed components, and bending and a compliant base where no masses
     are stated: joints are most of an arm's compliance (Dumas, Caro, Garnier, Furet 2011).
     """
-    twice = not candidate.named or candidate.less_likely
+    twice = not candidate.named or candidate.what.less_likely
     return float(2 * np.log(candidate.searched) + (2 if twice else 1) * levels.CHOICE_PENALTY)
 
 
@@ -87,7 +84,9 @@ def member_weights(linearised: LinearisedData, members: Sequence[Candidate]) -> 
         clear = (values > 0) & (values < levels.MIN_SURVIVING_SHARE**-2)
         gain, count = float(np.sum((vectors.T @ theta[own])[clear] ** 2 / values[clear])), int(clear.sum())
         errors = np.sqrt(np.diag(C)[own] * rss / freedom) / scale[own]
-        if np.any(beyond_limits(-theta[own] / scale[own], errors if len(errors) > 1 else 0 * errors, *member.limits)):
+        if np.any(
+            beyond_limits(-theta[own] / scale[own], errors if len(errors) > 1 else 0 * errors, *member.what.limits)
+        ):
             found.append((0.0, -np.inf))
             continue
         m = freedom + count
@@ -193,4 +192,4 @@ def family_wise(
 ) -> list[float]:
     """Family-wise p-values of the members of a set, each given the others: of several by the null beside them too."""
     nulls = [first] if beside is None or len(members) < 2 else [first, beside]
-    return [min(null.family_wise(p, s.family) for null in nulls) for p, s in zip(log_p, members, strict=True)]
+    return [min(null.family_wise(p, s.what.family) for null in nulls) for p, s in zip(log_p, members, strict=True)]

@@ -7,10 +7,9 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from posture_opt.calibration.estimation.effect_sensitivities import EffectSensitivities
-from posture_opt.diagnosis.scores.candidates import Candidate
+from posture_opt.diagnosis.scores.candidates import Candidate, LinearisedData
 from posture_opt.diagnosis.scores.score_tests import ProjectedBaseline, projected_basis, unit_columns
 from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent, finer_phases
-from posture_opt.diagnosis.search.linearised_data import LinearisedData
 from posture_opt.model.effects import CyclicError, Effect
 from posture_opt.numerics import Array, Mask
 
@@ -29,7 +28,6 @@ def refine_shape(sensitivities: EffectSensitivities, baseline: ProjectedBaseline
 
 
 def has_shape(sensitivities: EffectSensitivities, candidate: Candidate) -> bool:
-    """Whether `refine_shape` has anything to choose from."""
     effect = candidate.what
     if isinstance(effect, UnnamedComponent):
         return any(True for _ in finer_phases(sensitivities, effect))

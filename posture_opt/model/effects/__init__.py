@@ -5,8 +5,17 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from posture_opt.model.effects.base.catalogue_entry import INPUTS, CatalogueEntry, Evidence, Limit
-from posture_opt.model.effects.base.cause import ROWS, Abscissa, Cause, FittedSizes, Size
+from posture_opt.model.effects.base.cause import (
+    INPUTS,
+    ROWS,
+    Abscissa,
+    CatalogueEntry,
+    Cause,
+    Evidence,
+    FittedSizes,
+    Limit,
+    Size,
+)
 from posture_opt.model.effects.base.effect import Effect, Excitation, Sensitivity
 from posture_opt.model.effects.base.joint_effect import JointEffect
 from posture_opt.model.effects.noise.noise_effect import NoiseEffect, Pattern, Rows
@@ -51,13 +60,7 @@ MOVING_KINDS = (
 )
 
 # The kinds that spread it, or its measurements, `NOISES`; both together are the `CATALOGUE`
-NOISY_KINDS = (
-    "joint_noise",
-    "range_noise",
-    "stated_sigma",
-    "outliers",
-    "correlated_lengths",
-)
+NOISY_KINDS = ("joint_noise", "range_noise", "stated_sigma", "outliers", "correlated_lengths")
 
 # Kind -> the file of its class, in this folder
 _FILES = {kind: kind for kind in MOVING_KINDS} | {kind: f"noise.{kind}" for kind in NOISY_KINDS}

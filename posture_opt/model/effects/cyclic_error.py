@@ -110,7 +110,7 @@ class CyclicError(Harmonic):
 
     @property
     def slow(self) -> bool:  # type: ignore[override] # of this very instance
-        """Whether all its lines are so slow that they are curves over the joint's range rather than ripple."""
+        """Whether all lines are curves over the joint's range rather than ripple."""
         return max(self.lines) < 5.0  # cycles per revolution below which it is one of the slow curves over its joint
 
     @property
@@ -122,14 +122,11 @@ class CyclicError(Harmonic):
     def words(self) -> str:
         if not self.further:
             return f"{self.joint} has a cyclic error of {cycles_text(self.cycles)} cycles per revolution"
-        return (
-            f"{self.joint} has a cyclic error of {len(self.lines)} lines "
-            f"({_first_listed(self.lines)} cycles per revolution)"
-        )
+        texts = [cycles_text(k) for k in self.lines[:3]]
+        listed = ", ".join(texts) + " …" if len(self.lines) > len(texts) else enumerated(texts)
+        return f"{self.joint} has a cyclic error of {len(self.lines)} lines ({listed} cycles per revolution)"
 
     def worded(self, estimate: FittedSizes) -> str:
-        """The cause in one clause; of several lines how many the data tell apart, and where the largest is. What has
-        fewer than 1.5 within the range of the joint is a curve, whatever its line."""
         slow = f"{self.joint} has a slow error over its range"
         bands = self.bands(estimate)
         if not bands:
@@ -142,13 +139,13 @@ class CyclicError(Harmonic):
         return f"{self.joint} has a cyclic error of {largest}"
 
     def sharp(self, span: float) -> tuple[int, ...]:
-        """The lines that have a frequency within a range of the joint [rad]; all of them where it is not known."""
+        """The lines with a frequency within a range of the joint [rad]; all if it is unknown."""
         # Periods within the range of a joint from which on an error has a frequency; fewer are a curve.
         return tuple(i for i, k in enumerate(self.lines) if not span > 0 or k * span / TURN >= 1.5)
 
     def bands(self, estimate: FittedSizes) -> tuple[tuple[int, ...], ...]:
-        """The lines that have a frequency, together where the values of the joint do not tell them apart. The strongest
-        band first, in it the largest line."""
+        """Lines with a frequency, those together that the joint values do not tell apart; the strongest band and line
+        first."""
         found: list[list[int]] = []
         for i in sorted(self.sharp(estimate.span), key=lambda i: self.lines[i]):
             if found and self.lines[i] - self.lines[found[-1][-1]] <= estimate.resolution:
@@ -178,7 +175,6 @@ class CyclicError(Harmonic):
 
     @property
     def qualifier(self) -> str:
-        """Its cycles per revolution; of several lines the largest, and how many more."""
         if self.further:
             return f"{cycles_text(self.cycles)}/rev + {len(self.further)} more"
         return f"{cycles_text(self.cycles)} cycles per revolution"
@@ -192,11 +188,9 @@ class CyclicError(Harmonic):
         return f"{self.title} ({self.joint}, {slow}{self.band_text(bands[0])}/rev{more})"
 
     def inspect(self, robot: Robot) -> str:
-        """What turns so often, at the gear ratio of the file or at a common one; else parts of the drive to count."""
         return self._inspect(robot, tuple(range(len(self.lines))), cycles_text(self.cycles))
 
     def inspect_fitted(self, robot: Robot, estimate: FittedSizes) -> str:
-        """What turns so often as the lines that have a frequency; what makes a slow curve where there are none."""
         bands = self.bands(estimate)
         if not bands:
             return _SLOW_INSPECTION.format(target=self.joint)
@@ -217,7 +211,7 @@ class CyclicError(Harmonic):
 
     @classmethod
     def joined(cls, lines: Sequence[CyclicError], amplitudes: Sequence[float]) -> CyclicError:
-        """One error of several lines of a joint, the largest first. amplitudes: of each line, fitted together [rad]."""
+        """One error of several lines of a joint, the largest of the ``amplitudes`` [rad] first."""
         order = sorted(range(len(lines)), key=lambda i: -amplitudes[i])
         first, *further = (lines[i] for i in order)
         return first.model_copy(update={"further": tuple(line.cycles for line in further)})
@@ -225,30 +219,23 @@ class CyclicError(Harmonic):
     @property
     def exclusive(self) -> tuple[object, ...]:
         """Kind, joint and cycles to one decimal: one joint may have several lines."""
-        return self.kind, self.target, round(self.cycles, 1)  # one joint may have several lines
+        return self.kind, self.target, round(self.cycles, 1)
 
     def bracket(self, span: float) -> tuple[float, float]:
-        """Cycles between which a better single line can lie: one step of the grid to either side; ``span`` of the joint
-        [rad]."""
+        """One step of the grid to either side; ``span`` of the joint [rad]."""
         step = TURN / span / OVERSAMPLING
         return self.cycles - step, self.cycles + step
 
     def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
-        """Amplitude, phase and cycles of a single line; of several their RMS together, and each of them [mrad]."""
         if self.further:
-            rms, std = self._rms(estimate)
+            # Over whole cycles √(Σ (a² + b²) / 2); in the data, lines that run into each other cancel in part.
+            whole = math.sqrt(sum(a**2 for a, _ in self._amplitudes(estimate)) / 2), math.nan
+            rms, std = estimate.rms or whole
             together = Size("size", f"{shown(rms, 'angle', std)} RMS", f", {len(self.lines)} lines together")
             return together, Size("lines", "; ".join(self._line_texts(estimate)), _LINE_UNITS)
         value, std = estimate.entry("cycles")
         cycles = plus_minus(value, std) if math.isfinite(std) else cycles_text(value)
         return (*super().sizes(estimate), Size("cycles per revolution", cycles))
-
-    def _rms(self, estimate: FittedSizes) -> tuple[float, float]:
-        """Root mean square in the data with its standard error [rad]; over whole cycles where the data are not known.
-        Over whole cycles ``√(Σ (a² + b²) / 2)``; lines that run into each other cancel in part."""
-        if estimate.rms is not None:
-            return estimate.rms
-        return math.sqrt(sum(a**2 for a, _ in self._amplitudes(estimate)) / 2), math.nan
 
     def _amplitudes(self, estimate: FittedSizes) -> list[tuple[float, float]]:
         """Amplitude of each line with its standard error [rad]."""
@@ -281,12 +268,11 @@ class CyclicError(Harmonic):
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:
         """None: there are thousands, and a diagnosis scans the grid itself."""
-        return []  # thousands: the diagnosis scans the grid by itself
+        return []
 
     @classmethod
     def grid(cls, span: float) -> np.ndarray:
-        """Cycles per revolution (k,) to search where the joint ranges over ``span`` [rad]. The step is ``2π / span /
-        OVERSAMPLING``; half a period must fit the range."""
+        """Cycles per revolution (k,) to search over a ``span`` [rad], in steps of ``2π / span / OVERSAMPLING``."""
         step = TURN / max(span, 1e-3) / OVERSAMPLING
         # Half a period must fit the range of the joint: what is longer is no cycle but a curve.
         first = max(MIN_CYCLES, math.pi / max(span, 1e-3))
@@ -312,8 +298,7 @@ class CyclicError(Harmonic):
 
 
 def _alias_period(q: Array) -> float:
-    """The least distance of two lines that the values q (N,) [rad] cannot separate [cycles per revolution]; inf for
-    none."""
+    """The least distance of two lines that the values q (N,) [rad] cannot separate [cycles per revolution], or inf."""
     q = q[:: -(-len(q) // 500)]  # joint values that the spectral window is taken of; chosen for time
     cycles = CyclicError.grid(float(np.ptp(q)))
     far = np.concatenate([cycles, cycles + MAX_CYCLES])
@@ -325,10 +310,5 @@ def _alias_period(q: Array) -> float:
 
 
 def _together(amplitudes: Sequence[float], band: Sequence[int]) -> float:
-    """The amplitude that some lines have together, √Σ A²: that of a single one of the same RMS."""
+    """The amplitude of a single line of the same RMS, √Σ A²."""
     return math.sqrt(sum(amplitudes[i] ** 2 for i in band))
-
-
-def _first_listed(cycles: Sequence[float]) -> str:
-    texts = [cycles_text(k) for k in cycles[:3]]  # lines in a sentence
-    return ", ".join(texts) + " …" if len(cycles) > len(texts) else enumerated(texts)

@@ -10,8 +10,7 @@ from pydantic import Field
 
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar, exp
-from posture_opt.model.effects.base.catalogue_entry import Input
-from posture_opt.model.effects.base.cause import Abscissa, FittedSizes, Size, over_time
+from posture_opt.model.effects.base.cause import Abscissa, FittedSizes, Input, Size, over_time
 from posture_opt.model.effects.base.effect import (
     ANGLES,
     WORLD_AXES,

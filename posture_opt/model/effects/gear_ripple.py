@@ -8,7 +8,7 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
-from posture_opt.model.effects.base.catalogue_entry import Input
+from posture_opt.model.effects.base.cause import Input
 from posture_opt.model.effects.base.effect import Effect, Excitation
 from posture_opt.model.effects.base.joint_effect import Harmonic
 from posture_opt.model.effects.base.multiples import cycles_text
@@ -24,7 +24,7 @@ class GearRipple(Harmonic):
         "input side of the gear of {target}: wave generator or pinion, motor shaft and motor encoder"
     )
     rivals: ClassVar[Mapping[str, str]] = {
-        "quantisation": "log the joint values that the controller reached, and state 'gear_ratio'",
+        "quantisation": "log the joint values that the controller reached, and state 'gear_ratio'"
     }
     needs: ClassVar[frozenset[Input]] = frozenset({"gear_ratio"})
 

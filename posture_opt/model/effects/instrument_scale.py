@@ -7,7 +7,7 @@ from typing import ClassVar, Literal
 
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import ZERO
-from posture_opt.model.effects.base.catalogue_entry import Evidence, Limit
+from posture_opt.model.effects.base.cause import Evidence, Limit
 from posture_opt.model.effects.base.effect import Effect, Excitation, Sensitivity, SoleEffect
 
 

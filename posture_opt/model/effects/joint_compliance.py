@@ -9,8 +9,7 @@ from posture_opt.model.arm_state import MIN_LEANING_SINE, ArmState
 from posture_opt.model.chain import Scalar
 from posture_opt.model.effects.base.cause import Abscissa
 from posture_opt.model.effects.base.effect import NOT_NEGATIVE, Effect, Excitation
-from posture_opt.model.effects.base.gravity_load import GravityLoaded
-from posture_opt.model.effects.base.joint_effect import JointEffect
+from posture_opt.model.effects.base.joint_effect import GravityLoaded, JointEffect
 from posture_opt.model.effects.base.plausible_range import LARGEST_TURN, SOURCE, PlausibleRange, least_stiffness
 from posture_opt.robot.robot import Robot
 from posture_opt.units import number

@@ -10,8 +10,7 @@ from posture_opt.errors import BadValueError
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Vector, add, cross, dot, scale, subtract
 from posture_opt.model.effects.base.effect import Effect, Excitation, Sensitivity
-from posture_opt.model.effects.base.gravity_load import GravityLoaded
-from posture_opt.model.effects.base.joint_effect import EffectOfJoint
+from posture_opt.model.effects.base.joint_effect import EffectOfJoint, GravityLoaded
 from posture_opt.model.effects.base.plausible_range import LARGEST_TURN, SOURCE, PlausibleRange, least_stiffness
 from posture_opt.robot.robot import Robot
 from posture_opt.units import number
@@ -82,15 +81,14 @@ class LinkBending(GravityLoaded, EffectOfJoint):
 
 def _long_links(robot: Robot) -> list[str]:
     state = ArmState(robot, [0.0] * robot.n)
-    return [name for i, name in enumerate(robot.joint_names[:-1]) if _link_length(state, i) > _MIN_LINK_LENGTH_M]
+    ends = [_link_ends(state, i) for i in range(robot.n - 1)]
+    return [
+        name
+        for name, (start, end) in zip(robot.joint_names, ends, strict=False)
+        if math.hypot(*subtract(end, start)) > _MIN_LINK_LENGTH_M
+    ]
 
 
 def _link_ends(state: ArmState, joint: int) -> tuple[Vector, Vector]:
     """Where the link behind a joint begins and ends (3,), (3,) [m], world: on its axis and on the next one."""
     return state.axis(joint)[1], state.axis(joint + 1)[1]
-
-
-def _link_length(state: ArmState, joint: int) -> float:
-    """Distance [m] of the two points on the axes."""
-    start, end = _link_ends(state, joint)
-    return math.hypot(*subtract(end, start))

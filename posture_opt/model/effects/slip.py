@@ -11,9 +11,8 @@ from pydantic import Field
 
 from posture_opt.errors import BadValueError
 from posture_opt.model.arm_state import ArmState
-from posture_opt.model.chain import Scalar, Vector, at_least
-from posture_opt.model.effects.base.catalogue_entry import Input
-from posture_opt.model.effects.base.cause import Abscissa, FittedSizes, Size, over_time
+from posture_opt.model.chain import Scalar, at_least
+from posture_opt.model.effects.base.cause import Abscissa, FittedSizes, Input, Size, over_time
 from posture_opt.model.effects.base.effect import (
     ANGLES,
     WORLD_AXES,
@@ -145,12 +144,10 @@ class Slip(Effect):
         after = at_least(state.inputs.time, self.moment)
         if not self._of_frame:
             return (Sensitivity({state.robot.joint_names.index(self.of): after}),)
-        about = state.frames[-1].origin if self.of == _TOOL else foot(state)
-        return frame_motion(state, _FRAME_PARAMETERS[self.way], self._axes(state), about, after)
-
-    def _axes(self, state: ArmState) -> tuple[Vector, ...]:
-        """The axes (3,) of its shifts and turns, world: the world's own of the base, those of the tool of the tool."""
-        return state.walk.columns if self.of == _TOOL else WORLD_AXES
+        axes, about = WORLD_AXES, foot(state)
+        if self.of == _TOOL:
+            axes, about = state.walk.columns, state.frames[-1].position
+        return frame_motion(state, _FRAME_PARAMETERS[self.way], axes, about, after)
 
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:

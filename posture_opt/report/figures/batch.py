@@ -5,7 +5,7 @@ Parameters that vary together have one cause in production: a fixture, say, or a
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from posture_opt.report.page.colours import BLUE, GREY, ORANGE, VERMILLION
 from posture_opt.report.page.style import legend, new_axes, new_figure, styled
 from posture_opt.statements.notation import length_unit
 from posture_opt.uncertainty.regions.regions import Ellipsoid
-from posture_opt.uncertainty.sources.source_names import source_words
+from posture_opt.uncertainty.sources.sources import source_words
 from posture_opt.units import ERROR_UNITS
 
 if TYPE_CHECKING:
@@ -47,7 +47,11 @@ def _panel(axes: Axes, problem: ProblemData, found: Batch, pair: CorrelatedPair)
     scale, units = np.array([factor for factor, _ in written]), [unit for _, unit in written]
     chosen = np.ix_([i, j], [i, j])
     points = found.estimates[:, [i, j]] * scale
-    errors = np.array([np.sqrt(_variances(found, k, (pair.a, pair.b))) for k in range(len(points))]) * scale
+    variances = [  # of both parameters of each robot, as its calibration states them [rad² or m²]
+        [float(c.covariance[k, k]) for k in ([p.name for p in c.parameters].index(name) for name in (pair.a, pair.b))]
+        for c in found.calibrations
+    ]
+    errors = np.sqrt(variances) * scale
     axes.axhline(0, color=GREY, lw=0.8)
     axes.axvline(0, color=GREY, lw=0.8)
     (x, y), (across, up) = points.T, errors.T
@@ -56,11 +60,10 @@ def _panel(axes: Axes, problem: ProblemData, found: Batch, pair: CorrelatedPair)
     ellipse = Ellipsoid(center, C)
     if ellipse.rank == 2:
         axes.plot(*ellipse.points(0.95).T, color=VERMILLION, label="95 % of the robots of the type")
-    said = _stated(found, pair, (i, j))
-    if said is not None:
-        axes.plot(
-            *Ellipsoid(np.zeros(2), said * np.outer(scale, scale)).points(0.95).T, "--", color=ORANGE, label="stated"
-        )
+    sigma = found.stated[[i, j]] * scale
+    if np.all(sigma > 0) and abs(pair.stated) < 1:
+        stated = np.outer(sigma, sigma) * [[1.0, pair.stated], [pair.stated, 1.0]]
+        axes.plot(*Ellipsoid(np.zeros(2), stated).points(0.95).T, "--", color=ORANGE, label="stated")
     axes.plot(0, 0, "+", color="black", ms=10, mew=2, label="nominal")
     low, high = pair.interval
     axes.set_title(f"correlation {pair.correlation:.2f} ({low:.2f} to {high:.2f})")
@@ -68,21 +71,6 @@ def _panel(axes: Axes, problem: ProblemData, found: Batch, pair: CorrelatedPair)
         axes.set(**{f"{which}label": f"{source_words(name, problem.arm)}, off nominal [{unit}]"})
     if units[0] == units[1]:
         axes.set_aspect("equal", adjustable="datalim")
-
-
-def _variances(found: Batch, robot: int, names: tuple[str, str]) -> list[float]:
-    """Variances [rad² or m²] of both parameters of a robot, as its calibration states them."""
-    calibration = found.calibrations[robot]
-    place = {p.name: k for k, p in enumerate(calibration.parameters)}
-    return [float(calibration.covariance[place[name], place[name]]) for name in names]
-
-
-def _stated(found: Batch, pair: CorrelatedPair, index: tuple[int, int]) -> Any:
-    """(2, 2) the covariance that the problem file states for a pair [rad² or m²]; None where it states none."""
-    sigma = found.stated[list(index)]
-    if not np.all(sigma > 0) or abs(pair.stated) >= 1:
-        return None
-    return np.outer(sigma, sigma) * [[1.0, pair.stated], [pair.stated, 1.0]]
 
 
 @styled

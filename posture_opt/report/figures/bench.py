@@ -85,9 +85,15 @@ def _draw_map(figure: Figure, axes: Axes, found: Solution, bench: BenchMap) -> N
 
 def _draw_features(axes: Axes, found: Solution) -> None:
     """The features as points [mm], the worst one ringed; their names where there is room."""
+    from matplotlib.patches import Rectangle
+
     points = 1e3 * np.array([station.target.lower for station in found.stations])
-    if found.bench is not None and _beyond(points, found.bench):
-        _draw_range(axes, found.bench)
+    assert found.bench is not None
+    low, high = (np.array([1e3 * values[end] for values in found.bench.values]) for end in (0, -1))
+    if np.any(points[:, :2] < low) or np.any(points[:, :2] > high):
+        frame = Rectangle(tuple(low), *(high - low), fill=False, ec=GREY, lw=1.2)
+        frame.set(zorder=6, label="range of the workpiece's origin")
+        axes.add_patch(frame)
     axes.plot(points[:, 0], points[:, 1], "o", color="black", mec="white", ms=6, zorder=7, label="features")
     worst = points[found.worst_index]
     axes.plot(*worst[:2], "o", color="none", mec=VERMILLION, mew=2, ms=11, zorder=7, label="worst feature")
@@ -114,19 +120,3 @@ def _name(axes: Axes, name: str, point: Array, outward: Array) -> None:
         ha="center" if at_edge else "left" if right else "right",
     )  # fmt: skip
     text.set_bbox({"facecolor": "white", "alpha": 0.7, "edgecolor": "none", "pad": 1})
-
-
-def _beyond(points: Array, bench: BenchMap) -> bool:
-    """Whether features (K, 3) [mm] lie outside of the mapped range of the origin."""
-    low, high = ([1e3 * values[end] for values in bench.values] for end in (0, -1))
-    return bool(np.any(points[:, :2] < low) or np.any(points[:, :2] > high))
-
-
-def _draw_range(axes: Axes, bench: BenchMap) -> None:
-    """The range of the origin as a frame, where features lie outside of it."""
-    from matplotlib.patches import Rectangle
-
-    (left, right), (low, high) = ([1e3 * values[0], 1e3 * values[-1]] for values in bench.values)
-    frame = Rectangle((left, low), right - left, high - low, fill=False, ec=GREY, lw=1.2)
-    frame.set(zorder=6, label="range of the workpiece's origin")
-    axes.add_patch(frame)

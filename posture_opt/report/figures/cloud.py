@@ -93,7 +93,12 @@ def plot_cloud(cloud: Cloud) -> Figure:
     world where nothing is to be done along a direction. Where both ellipses cover each other, the closed form is true;
     where the cloud is bent, no ellipse is."""
     spread, seen = cloud.spread, cloud.spread.for_task
-    views = _views(spread, seen)
+    views = [spread.basis]
+    if len(spread.basis) == 3:
+        # The axes across and along the direction of the task, or those of the world.
+        sided = seen is not None and seen.critical.within != "all"
+        frame = np.vstack([levelled(seen.axes[:2]), seen.direction]) if seen is not None and sided else np.eye(3)
+        views = [frame[list(pair)] for pair in combinations(range(3), 2)]
     unit, scale = length_unit([float(spread.ellipse.semi_axes[-1])])
     offsets = cloud.points[:5000] - spread.position
     half = 1.1 * scale * float(np.abs(offsets).max()) or 1.0
@@ -118,16 +123,6 @@ def plot_cloud(cloud: Cloud) -> Figure:
 def plot_simulated(spread: Spread) -> Figure:
     """The cloud of a small simulation next to the closed form."""
     return plot_cloud(cloud_of(spread, _CLOUD_SAMPLES, 0))
-
-
-def _views(spread: Spread, seen: TaskSpread | None) -> list[Array]:
-    """The planes that are looked at, (2, 3) each, rows orthonormal in the world frame."""
-    if len(spread.basis) == 2:
-        return [spread.basis]
-    frame = np.eye(3)
-    if seen is not None and seen.critical.within != "all":
-        frame = np.vstack([levelled(seen.axes[:2]), seen.direction])
-    return [frame[list(pair)] for pair in combinations(range(3), 2)]
 
 
 def _view(axes: Axes, cloud: Cloud, B: Array, points: Array, scale: float) -> None:
@@ -198,8 +193,8 @@ def frame_target(axes: Axes, seen: TaskSpread, B: Array, half: float, unit: str,
 
 
 def view_basis(spread: Spread, seen: TaskSpread) -> Array:
-    """What is looked at, (2, 3), rows orthonormal in the world frame: across the direction where that is a plane, a line
-    and the direction where one axis counts, the plane of both longest axes, the plane of a planar arm."""
+    """What is looked at, (2, 3), rows orthonormal in the world frame: a plane across the direction, a line and the
+    direction where one axis counts, the plane of both longest axes, the plane of a planar arm."""
     basis = seen.critical.basis
     if len(spread.basis) == 2:
         return np.asarray(spread.basis)

@@ -13,9 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from posture_opt.diagnosis.scores.candidates import Candidate
-from posture_opt.diagnosis.scores.fourier_sums import scan_frequencies
 from posture_opt.diagnosis.scores.levels import FIRST_EFFECT_LEVEL
-from posture_opt.diagnosis.scores.score_tests import log_p
+from posture_opt.diagnosis.scores.score_tests import log_p, scan_frequencies
 from posture_opt.model.effects.base.multiples import cycles_text
 from posture_opt.model.effects.cyclic_error import CyclicError
 from posture_opt.numerics import TURN, Array, rms
@@ -24,7 +23,7 @@ from posture_opt.report.figures.residuals import chosen_rows, dots_look
 from posture_opt.report.page.colours import BLUE, GREEN, GREY, MODEL_COLOURS
 from posture_opt.report.page.style import MODEL_DASHES, Look, legend, name_rows, new_axes, new_figure, styled
 from posture_opt.report.parts.diagnosis_tables import MODELS
-from posture_opt.report.text.words import p_value
+from posture_opt.statements import p_value
 from posture_opt.units import number
 
 if TYPE_CHECKING:
@@ -42,25 +41,10 @@ _EVIDENCE_TICKS = (0, 0.25, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500)
 class ScoredRow:
     """A candidate with its evidence by itself, and its p-value in the model if it is part of that."""
 
-    scored: ScoredCandidate
+    named: bool
     evidence: float
     p_value: float | None
     label: str
-
-    @property
-    def named(self) -> bool:
-        """Whether the candidate is one of the catalogue, and no unnamed component."""
-        return self.scored.candidate.named
-
-
-def evidence(found: Diagnosis) -> list[tuple[ScoredCandidate, float]]:
-    """Every candidate with its log p-value over the critical one of its family, the most significant first."""
-    search = found.search
-    scored = search.scored
-    null = search.null
-    lines = {family: critical_log_p(null, family) for family in {j.candidate.family for j in scored}}
-    pairs = [(j, max(j.log_p / lines[j.candidate.family], 0.0)) for j in scored]
-    return sorted(pairs, key=lambda pair: -pair[1])
 
 
 def critical_log_p(null: NullDistribution, family: str) -> float:
@@ -73,8 +57,12 @@ def critical_log_p(null: NullDistribution, family: str) -> float:
 
 
 def scored_rows(found: Diagnosis) -> tuple[list[ScoredRow], int]:
-    """What is drawn, from the top, and how many candidates there are."""
-    rows = [ScoredRow(scored, value, *_in_model(scored, found)) for scored, value in evidence(found)]
+    """What is drawn, the causes of the model first, then the most significant others; how many candidates there are."""
+    scored, null = found.search.scored, found.search.null
+    lines = {family: critical_log_p(null, family) for family in {j.candidate.family for j in scored}}
+    pairs = [(j, max(j.log_p / lines[j.candidate.family], 0.0)) for j in scored]
+    ordered = sorted(pairs, key=lambda pair: -pair[1])
+    rows = [ScoredRow(j.candidate.named, value, *_in_model(j, found)) for j, value in ordered]
     own = [row for row in rows if row.p_value is not None]
     others = [row for row in rows if row.p_value is None]
     return [*own, *others[: max(16 - len(own), 0)]], len(rows)
@@ -109,33 +97,25 @@ def plot_scores(found: Diagnosis) -> Figure:
     if own:
         _say(axes, 0, "p in the model")
     axes.plot([1, 1], [-0.6, at], color="black", lw=1.2, ls="--", zorder=3)
-    axes.annotate(
-        f"significant beyond this line ({100 * FIRST_EFFECT_LEVEL:.1f} % by chance)", (1, at), xytext=(4, 0),
-        textcoords="offset points", va="center", zorder=4,
-    )  # fmt: skip
+    text = f"significant beyond this line ({100 * FIRST_EFFECT_LEVEL:.1f} % by chance)"
+    axes.annotate(text, (1, at), xytext=(4, 0), textcoords="offset points", va="center", zorder=4)
     name_rows(axes, names)
     axes.set(ylim=(at + 0.6, -0.7), xlim=(0, right))
-    ticks = _spaced_ticks(right)
+    ticks: list[float] = [0, 1]
+    for tick in _EVIDENCE_TICKS:  # none so near to another that their texts touch
+        x = math.sqrt(tick)
+        if x <= right and all(abs(x - math.sqrt(other)) > 0.09 * right for other in ticks):
+            ticks.append(tick)
     axes.set_xticks([math.sqrt(t) for t in ticks], [f"{t:g}" for t in ticks])
     axes.set_xlabel("evidence of each cause tested alone: log p-value over that of the dashed line")
     legend(figure)
     return figure
 
 
-def _spaced_ticks(right: float) -> list[float]:
-    ticks: list[float] = [0, 1]
-    for tick in _EVIDENCE_TICKS:
-        at = math.sqrt(tick)
-        if at <= right and all(abs(at - math.sqrt(other)) > 0.09 * right for other in ticks):
-            ticks.append(tick)
-    return sorted(ticks)
-
-
 def _say(axes: Axes, k: int, text: str) -> None:
-    axes.annotate(
-        text, (1, k), xycoords=("axes fraction", "data"), xytext=(4, 0), textcoords="offset points", va="center",
-        ha="left", annotation_clip=False,
-    )  # fmt: skip
+    """A text in a column behind the axes, where no bar and no line runs through it."""
+    offset: Look = {"xytext": (4, 0), "textcoords": "offset points", "va": "center", "annotation_clip": False}
+    axes.annotate(text, (1, k), xycoords=("axes fraction", "data"), ha="left", **offset)
 
 
 def _look(row: ScoredRow) -> Look:
@@ -183,14 +163,16 @@ def plot_errors(found: Diagnosis) -> Figure:
     for name in names:
         lengths = 1e3 * np.linalg.norm(found.held[name].errors, axis=1)
         rows = chosen_rows(len(lengths), 1500)
-        rms = 1e3 * found.errors[name].rms
         smallest = min(smallest, float(np.quantile(lengths, 0.02)))
         over.plot(rows + 1, lengths[rows], ".", color=MODEL_COLOURS[name], mew=0, **dots_look(len(rows)))
-        over.plot(*_course(lengths), color=MODEL_COLOURS[name], ls=MODEL_DASHES[name], lw=2)
+        # The course is the RMS of at most 30 groups of five rows or more.
+        groups = np.array_split(np.arange(len(lengths)), max(min(30, len(lengths) // 5), 1))
+        course = [g.mean() + 1 for g in groups], [rms(lengths[g]) for g in groups]
+        over.plot(*course, color=MODEL_COLOURS[name], ls=MODEL_DASHES[name], lw=2)
         below.step(
             100 * np.arange(1, len(lengths) + 1) / len(lengths), np.sort(lengths),
             color=MODEL_COLOURS[name], ls=MODEL_DASHES[name],
-            label=f"{MODELS[name]}: RMS {number(rms)} mm",
+            label=f"{MODELS[name]}: RMS {number(1e3 * found.errors[name].rms)} mm",
         )  # fmt: skip
     noise = found.noise_floor
     floor = 1e3 * noise.rms
@@ -203,19 +185,11 @@ def plot_errors(found: Diagnosis) -> Figure:
     over.set_yscale("log")
     over.set_ylim(bottom=smallest if smallest > 0 else None)
     decimals(over.yaxis)
-    over.set(
-        xlabel="row, in the order of measuring (lines: RMS of neighbours)",
-        ylabel="position error of held-out rows [mm]",
-    )
+    over.set_xlabel("row, in the order of measuring (lines: RMS of neighbours)")
+    over.set_ylabel("position error of held-out rows [mm]")
     below.set(xlabel="share of the rows below [%]", xlim=(0, 100))
     legend(figure)
     return figure
-
-
-def _course(lengths: Array) -> tuple[Array, Array]:
-    """Middles (k,) and RMS (k,) of neighbouring rows, in the order of the rows; ``lengths`` (N,) [mm]."""
-    parts = np.array_split(np.arange(len(lengths)), max(min(30, len(lengths) // 5), 1))
-    return np.array([p.mean() + 1 for p in parts]), np.array([rms(lengths[p]) for p in parts])
 
 
 @styled
@@ -239,7 +213,14 @@ def plot_periodogram(found: Diagnosis) -> Figure:
         cycles, share = _spectrum(found, after, joint)
         axes.plot(cycles, 100 * share, color=GREEN, lw=1.0, label=_AFTER, zorder=4)
         null = f"significant: {100 * FIRST_EFFECT_LEVEL:.1f} % of data sets reach it by chance"
-        axes.axhline(100 * _share_of(line, before), color="black", lw=1.2, ls="--", label=null, zorder=5)
+        # The share that one frequency must explain for its log p-value to be that of the line, bisected; two degrees of
+        # freedom, those of a sine and a cosine.
+        low, high = 0.0, 1.0
+        for _ in range(40):
+            middle = (low + high) / 2
+            value = float(log_p(np.array([middle]), np.array([1.0]), 2, before.freedom)[0])
+            low, high = (low, middle) if value < line else (middle, high)
+        axes.axhline(100 * high, color="black", lw=1.2, ls="--", label=null, zorder=5)
         for k, mark in enumerate(sorted(_marks(found, name))):
             _mark(axes, *mark, k)
         axes.set(title=name, ylabel="share explained [%]", xscale="log", ylim=(0, None))
@@ -257,16 +238,6 @@ def _spectrum(found: Diagnosis, baseline: ProjectedBaseline, joint: int) -> tupl
     q = found.model.residuals.data.q[:, joint]
     cycles = CyclicError.grid(float(np.ptp(q)))
     return cycles, scan_frequencies(baseline, tangents.joints[joint], q, cycles)[0] / float(baseline.rss[0])
-
-
-def _share_of(line: float, baseline: ProjectedBaseline) -> float:
-    """The share that one frequency must explain for its log p-value to be that of the line."""
-    low, high = 0.0, 1.0
-    for _ in range(40):
-        middle = (low + high) / 2
-        value = float(log_p(np.array([middle]), np.array([1.0]), 2, baseline.freedom)[0])
-        low, high = (low, middle) if value < line else (middle, high)
-    return high
 
 
 def _marks(found: Diagnosis, joint: str) -> list[tuple[float, str, bool]]:

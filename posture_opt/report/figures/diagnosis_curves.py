@@ -61,7 +61,12 @@ def plot_curves(found: Diagnosis) -> Figure:
     grid = figure.subplots(rows, columns, squeeze=False).ravel()
     for axes, (place, finding, line) in zip(grid, shown, strict=False):
         _panel(axes, curve_of(found, tangents, place, finding, line))
-        axes.set_title(fill(_title(finding, line), 44))
+        lines, title = finding.cause.spectral_lines, finding.label
+        if lines and _is_slow(finding, line):
+            title = f"{finding.target}: slow error over its range"
+        elif lines:
+            title = f"{finding.target}: {cycles_text(lines[line])} cycles per revolution"
+        axes.set_title(fill(title, 44))
     for axes in grid[len(shown) :]:
         axes.set_visible(False)
     legend(figure)
@@ -76,15 +81,6 @@ def shown_curves(found: Diagnosis) -> list[tuple[int, Finding, int]]:
     while sum(min(n, most + 1) for n in lines) <= _MAX_CURVES and most < max(lines, default=0):
         most += 1
     return [(i, f, line) for (i, f), n in zip(effects, lines, strict=True) for line in range(min(n, most))]
-
-
-def _title(finding: Finding, line: int) -> str:
-    lines = finding.cause.spectral_lines
-    if not lines:
-        return finding.label
-    if _is_slow(finding, line):
-        return f"{finding.target}: slow error over its range"
-    return f"{finding.target}: {cycles_text(lines[line])} cycles per revolution"
 
 
 def _is_slow(finding: Finding, line: int) -> bool:
@@ -132,7 +128,16 @@ def curve_of(
         return _joint_curve(sensitivities, moved.pop(), over, partial, modelled)
     axes = slice(0, len(residuals.axes))
     seen, said = (1e3 * residuals.sigma * v[:, axes] for v in (partial, modelled))
-    return _size_curve(seen, said) if over is None else _shift_curve(over, seen, said)
+    if over is not None:
+        # Effects that move the tool point alike in all rows, along the mean shift.
+        mean = said.mean(axis=0)
+        along = mean / max(float(np.linalg.norm(mean)), 1e-300)
+        return Curve(over.values, over.side, seen @ along, said @ along, over.label, "error along the shift [mm]")
+    # Errors along the modelled effect of each row, over its size; on the diagonal it is true.
+    size = np.linalg.norm(said, axis=1)
+    some = size > _MIN_LEVER_SHARE * size.max()
+    errors, one = np.sum(seen[some] * said[some], axis=1) / size[some], np.ones(int(some.sum()))
+    return Curve(size[some], one, errors, size[some], "modelled effect at the tool [mm]", "measured along it [mm]")
 
 
 def _joint_curve(
@@ -147,22 +152,6 @@ def _joint_curve(
     factor, unit = (1e3, "mrad") if revolute else (1e6, "µm")
     errors, curve = (factor * np.sum(e * column, axis=1)[far] / square[far] for e in (partial, modelled))
     return Curve(over.values[far], over.side[far], errors, curve, over.label, f"error of the joint [{unit}]")
-
-
-def _shift_curve(over: Abscissa, seen: Array, said: Array) -> Curve:
-    """Errors (N, axes) along the mean shift [mm]: of effects that move the tool point alike in all rows."""
-    mean = said.mean(axis=0)
-    along = mean / max(float(np.linalg.norm(mean)), 1e-300)
-    return Curve(over.values, over.side, seen @ along, said @ along, over.label, "error along the shift [mm]")
-
-
-def _size_curve(seen: Array, said: Array) -> Curve:
-    """Errors (N, axes) along the modelled effect of each row, over its size [mm]; on the diagonal it is true."""
-    size = np.linalg.norm(said, axis=1)
-    some = size > _MIN_LEVER_SHARE * size.max()
-    errors = np.sum(seen[some] * said[some], axis=1) / size[some]
-    one = np.ones(len(errors))
-    return Curve(size[some], one, errors, size[some], "modelled effect at the tool [mm]", "measured along it [mm]")
 
 
 @styled

@@ -14,7 +14,7 @@ from posture_opt.measurements.repeats import repeat_groups
 from posture_opt.numerics import Array, Codes
 from posture_opt.report.figures.residuals import chosen_rows, dots_look
 from posture_opt.report.page.colours import BLUE, GREEN, GREY, ORANGE, VERMILLION
-from posture_opt.report.page.style import Look, legend, new_figure, styled
+from posture_opt.report.page.style import Look, legend, new_figure, square, styled
 from posture_opt.report.text.words import line_words
 from posture_opt.uncertainty.regions.regions import Ellipsoid, coverage_factor, hotelling_factor
 from posture_opt.validation.prediction import ErrorSources, prismatic_joints
@@ -73,18 +73,14 @@ def _quantiles(axes: Axes, values: Array) -> None:
     n = len(values)
     ordered = (np.sort(values) - values.mean()) / values.std(ddof=1)
     # Of many rows 300; the outer ones, which show the tails, are all drawn.
-    rank = np.unique(np.concatenate([np.linspace(1, n, min(n, 300)).round(), *_outer(n)])).astype(int)
+    tail = np.arange(1.0, min(n, 50) + 1)
+    rank = np.unique(np.concatenate([np.linspace(1, n, min(n, 300)).round(), tail, n + 1 - tail])).astype(int)
     ordered = ordered[rank - 1]
     normal = ndtri((rank - 0.5) / n)
     low, high = (ndtri(betaincinv(rank, n + 1 - rank, p)) for p in (0.025, 0.975))
     axes.fill_between(normal, low, high, color=GREY, alpha=0.3, lw=0, zorder=1, label="95 % of normal ones")
     axes.plot(normal[[0, -1]], normal[[0, -1]], color=VERMILLION, lw=1.2, zorder=2, label="normal distribution")
     axes.plot(normal, ordered, ".", color=BLUE, ms=7, mew=0, zorder=3, label="errors")
-
-
-def _outer(n: int) -> tuple[Array, Array]:
-    tail = np.arange(1.0, min(n, 50) + 1)
-    return tail, n + 1 - tail
 
 
 @styled
@@ -115,8 +111,7 @@ def plot_region(shown: Shown, found: Assessment) -> Figure:
             circle = Ellipsoid(np.zeros(2), (1e3 * found.instrument) ** 2 * np.eye(2))
             label = "95 % circle of the instrument"
             axes.plot(*boundary(circle, coverage_factor(0.95, 2)).T, "--", color=GREEN, zorder=5, label=label)
-        axes.set(xlabel=shown.error_label(pair[0]), ylabel=shown.error_label(pair[1]))
-        axes.set(xlim=(-half, half), ylim=(-half, half), aspect="equal")
+        square(axes, half, *map(shown.error_label, pair))
         axes.locator_params(nbins=5 if len(pairs) > 1 else 9)
     legend(figure, beside=len(pairs) == 1)
     return figure
@@ -136,7 +131,10 @@ def plot_repeats(problem: ProblemData, shown: Shown, found: Assessment) -> Figur
     about their mean, their covariance (dashed) and the scatter that the problem predicts for them. Dots well outside of
     the red ellipse: the arm scatters more than the file states."""
     B = _plane(shown, found)
-    groups = sorted(_visits(shown, found), key=len, reverse=True)
+    odd = found.repeats.outlying if found.repeats is not None else ()
+    visits = rows_of(repeat_groups(shown.data, prismatic_joints(shown.residuals)))
+    known = [rows for rows in visits if len(rows) > 1 and int(shown.data.line[rows[0]]) not in odd]
+    groups = sorted(known, key=len, reverse=True)
     # Five visits of a pose make a cloud.
     clouds = [rows for rows in groups if len(rows) >= 5][:6] or [np.concatenate(groups)]
     alone = len(clouds) == 1 and len(groups) > 1
@@ -144,8 +142,12 @@ def plot_repeats(problem: ProblemData, shown: Shown, found: Assessment) -> Figur
     lines = -(-len(clouds) // columns)
     figure = new_figure((8.0 / columns - 0.1) * lines + 0.7 if columns > 1 else 5.0)
     predicted = [_predicted(problem, shown, rows, B) for rows in clouds]
-    offsets = [_pooled(shown, groups, B) if alone else _about_mean(shown, rows, B) for rows in clouds]
-    half = 1.08 * max(float(np.abs(outline).max()) for outline in [*offsets, *_outlines(predicted)])
+    offsets = [_about_mean(shown, rows, B) for rows in clouds]
+    if alone:
+        # Offsets from the mean of n visits are too small by √(1 − 1/n); divided by that, they scatter as visits do.
+        offsets = [np.concatenate([_about_mean(shown, g, B) / np.sqrt(1 - 1 / len(g)) for g in groups])]
+    outlines = [boundary(one, coverage_factor(0.95, 2)) for one in predicted if one is not None]
+    half = 1.08 * max(float(np.abs(outline).max()) for outline in [*offsets, *outlines])
     for k, (rows, cloud, ellipse) in enumerate(zip(clouds, offsets, predicted, strict=True)):
         axes = figure.add_subplot(lines, columns, k + 1)
         _panel(axes, cloud, ellipse)
@@ -155,15 +157,10 @@ def plot_repeats(problem: ProblemData, shown: Shown, found: Assessment) -> Figur
             else f"{len(rows)} visits, line {shown.data.line[rows[0]]}"
         )
         axes.set_title(title)
-        axes.set(xlim=(-half, half), ylim=(-half, half), aspect="equal")
-        axes.set(xlabel=f"{line_words(B[0])} [mm]", ylabel=f"{line_words(B[1])} [mm]")
+        square(axes, half, *(f"{line_words(b)} [mm]" for b in B))
         axes.locator_params(nbins=5)
     legend(figure, beside=columns == 1)
     return figure
-
-
-def _outlines(ellipses: list[Ellipsoid | None]) -> list[Array]:
-    return [boundary(ellipse, coverage_factor(0.95, 2)) for ellipse in ellipses if ellipse is not None]
 
 
 def _panel(axes: Axes, cloud: Array, predicted: Ellipsoid | None) -> None:
@@ -189,21 +186,10 @@ def _plane(shown: Shown, found: Assessment) -> Array:
     return np.array([first, second if second[np.abs(second).argmax()] > 0 else -second])
 
 
-def _visits(shown: Shown, found: Assessment) -> list[Codes]:
-    odd = found.repeats.outlying if found.repeats is not None else ()
-    groups = rows_of(repeat_groups(shown.data, prismatic_joints(shown.residuals)))
-    return [rows for rows in groups if len(rows) > 1 and int(shown.data.line[rows[0]]) not in odd]
-
-
 def _about_mean(shown: Shown, rows: Codes, B: Array) -> Array:
     """(k, 2) visits about their mean [mm], in the plane of B (2, 3)."""
     cloud = shown.places[rows] @ B.T
     return np.asarray(cloud - cloud.mean(axis=0))
-
-
-def _pooled(shown: Shown, groups: list[Codes], B: Array) -> Array:
-    """Offsets (k, 2) [mm] of all visits from the mean of their posture, in the plane of B (2, 3)."""
-    return np.concatenate([_about_mean(shown, rows, B) / np.sqrt(1 - 1 / len(rows)) for rows in groups])
 
 
 def _predicted(problem: ProblemData, shown: Shown, rows: Codes, B: Array) -> Ellipsoid | None:

@@ -118,8 +118,8 @@ def draw_trend(
 
 
 def _seen_joints(shown: Shown) -> list[int]:
+    """The joints that change what is measured in some posture, rounding apart: less than 1e-9 of the longest lever."""
     levers = [float(np.max(np.linalg.norm(column, axis=1), initial=0.0)) for column in shown.columns]
-    # Less than 1e-9 of the longest lever is rounding.
     return [k for k, lever in enumerate(levers) if lever > 1e-9 * max(levers)]
 
 
@@ -145,14 +145,27 @@ def plot_residuals_over_inputs(shown: Shown) -> Figure:
     """Mean errors by axis [mm] over the inputs that the data have, and along each joint's motion by its approach. Left
     before, right after calibration. The last line of panels is left out where no joint arrived often from both sides; a
     gap between both marks of a joint that exceeds their bars is backlash."""
-    inputs, sided = _inputs(shown), _both_sides(shown)
+    data = shown.data
+    inputs = [("line of the file", data.line.astype(float))]
+    if data.time is not None:
+        length = float(np.ptp(data.time))
+        unit, size = next(((u, s) for u, s in (("h", 3600.0), ("min", 60.0)) if length > 3 * s), ("s", 1.0))
+        inputs = [(f"time [{unit}]", data.time / size)]
+    others = (("temperature [degC]", data.temperature), ("payload [kg]", data.payload))
+    # Three different values make a line.
+    inputs += [(label, x) for label, x in others if x is not None and len(np.unique(x)) >= 3]
+    arrived = [(data.approach < 0).sum(axis=0), (data.approach > 0).sum(axis=0)]
+    sided = [k for k in _seen_joints(shown) if min(side[k] for side in arrived) >= 10]
     lines = len(inputs) + bool(sided)
     figure = new_figure(0.7 + 1.9 * lines)
     grid = figure.subplots(lines, 2, squeeze=False)
     for name, column in zip(shown.errors, grid.T, strict=True):
         column[0].set_title(TITLES[name])
         for axes, (label, x) in zip(column, inputs, strict=False):
-            _over(axes, shown, shown.errors[name], x)
+            axes.axhline(0, color=GREY, lw=0.8, zorder=1)
+            for axis in shown.axes:
+                trend = Binned.of(x, shown.errors[name][:, axis], 30)
+                trend.draw(axes, label=data.kind.axis_names[axis], **_AXIS_LOOKS[axis])
             axes.set_xlabel(label)
         if sided:
             _approach(column[-1], shown, shown.errors[name], sided)
@@ -162,40 +175,6 @@ def plot_residuals_over_inputs(shown: Shown) -> Figure:
         grid[-1][0].set_ylabel("mean error along\nthe joint's motion [mm]")
     legend(figure)
     return figure
-
-
-def _inputs(shown: Shown) -> list[tuple[str, Array]]:
-    """What the errors are drawn over: time or, without it, the order of the rows; temperature, payload."""
-    data = shown.data
-    order = ("line of the file", data.line.astype(float))
-    found = [order if data.time is None else _clock(data.time)]
-    others = (("temperature [degC]", data.temperature), ("payload [kg]", data.payload))
-    # Three different values make a line.
-    return found + [(label, x) for label, x in others if x is not None and len(np.unique(x)) >= 3]
-
-
-def _clock(seconds: Array) -> tuple[str, Array]:
-    """Times [s] in the unit in which the whole reads best, with its label."""
-    length = float(np.ptp(seconds))
-    for unit, size in (("h", 3600.0), ("min", 60.0)):
-        if length > 3 * size:
-            return f"time [{unit}]", seconds / size
-    return "time [s]", seconds
-
-
-def _over(axes: Axes, shown: Shown, errors: Array, x: Array) -> None:
-    """The mean error of each axis over x (n,), in bins."""
-    axes.axhline(0, color=GREY, lw=0.8, zorder=1)
-    for axis in shown.axes:
-        Binned.of(x, errors[:, axis], 30).draw(axes, label=shown.data.kind.axis_names[axis], **_AXIS_LOOKS[axis])
-
-
-def _both_sides(shown: Shown) -> list[int]:
-    approach = shown.data.approach
-    return [
-        k for k in _seen_joints(shown)
-        if min(np.count_nonzero(approach[:, k] < 0), np.count_nonzero(approach[:, k] > 0)) >= 10
-    ]  # fmt: skip
 
 
 def _approach(axes: Axes, shown: Shown, errors: Array, joints: list[int]) -> None:
@@ -210,17 +189,8 @@ def _approach(axes: Axes, shown: Shown, errors: Array, joints: list[int]) -> Non
             part = (np.sum(errors * column, axis=1) / lever)[shown.data.approach[:, k] == side]
             means.append(part.mean())
             bars.append(2 * part.std(ddof=1) / np.sqrt(len(part)))
-        places = np.arange(len(joints)) + shift
-        axes.errorbar(
-            places,
-            means,
-            bars,
-            fmt="<" if side < 0 else ">",
-            color=colour,
-            ms=6,
-            capsize=3,
-            label=f"joint arrives {label}",
-        )
+        look: Look = {"fmt": "<" if side < 0 else ">", "color": colour, "ms": 6, "capsize": 3}
+        axes.errorbar(np.arange(len(joints)) + shift, means, bars, label=f"joint arrives {label}", **look)
     names = [shown.robot.joint_names[k] for k in joints]
     longest = max(len(part) for name in names for part in name.split("_"))
     # So many letters fit upright side by side.

@@ -145,12 +145,10 @@ def plot_residual_vectors(shown: Shown) -> Figure:
 
 
 def _factors(large: dict[str, float], extent: float) -> dict[str, float]:
-    """By which the arrows of each model are enlarged: by one factor, unless one model's would be too short then."""
-    common = enlargement(max(large.values()), extent)
-    # Arrows shorter than 0.6 of the other model's have a scale of their own.
-    if min(large.values()) > 0.6 * max(large.values()):
-        return dict.fromkeys(large, common)
-    return {name: enlargement(size, extent) for name, size in large.items()}
+    """By which the arrows of each model are enlarged: shorter ones than 0.6 of the other's have their own factor."""
+    common = max(large.values())
+    alike = min(large.values()) > 0.6 * common
+    return {name: enlargement(common if alike else size, extent) for name, size in large.items()}
 
 
 def _arrows(

@@ -76,7 +76,12 @@ def plot_joint_map(solution: Solution) -> Figure:
     turns = [joint.type == "revolute" and joint.lower <= -math.pi and joint.upper >= math.pi for joint in joints]
     ends = [(-math.pi, math.pi) if turn else (j.lower, j.upper) for turn, j in zip(turns, joints, strict=True)]
     grid = [np.linspace(*end, _GRID_VALUES) for end in ends]
-    sigma, position = _evaluate(solution, *np.meshgrid(*grid, indexing="ij"))
+    q1, q2 = np.meshgrid(*grid, indexing="ij")
+    moments = solution.optimisation_problem.tool_point.moments([q1.ravel(), q2.ravel()])
+    # (N, N) the largest standard deviation ``sqrt(λ_max(Bᵀ C B))`` [m] in the basis B (3, m) of the part that counts.
+    largest = np.linalg.eigvalsh(solution.basis.T @ moments.covariance @ solution.basis)[..., -1]
+    sigma = np.sqrt(np.maximum(largest, 0.0)).reshape(q1.shape)
+    position = np.broadcast_to(moments.position, (q1.size, 3)).reshape(*q1.shape, 3)
     unit, scale = length_unit([float(sigma.max())])
     figure, axes = new_axes(5.2)
     shown = [g * f for g, f in zip(grid, factors, strict=True)]
@@ -96,16 +101,6 @@ def plot_joint_map(solution: Solution) -> Figure:
             axis.set_major_locator(MultipleLocator(45 if turn <= 190 else 60))
     legend(figure, beside=True)
     return figure
-
-
-def _evaluate(solution: Solution, q1: Array, q2: Array) -> tuple[Array, Array]:
-    """Largest standard deviation (N, N) [m] and tool points (N, N, 3) [m, world frame] over the grid; ``q1`` (N, N)
-    [rad or m], ``q2`` (N, N)."""
-    moments = solution.optimisation_problem.tool_point.moments([q1.ravel(), q2.ravel()])
-    B = solution.basis
-    largest = np.linalg.eigvalsh(B.T @ moments.covariance @ B)[..., -1]
-    sigma = np.sqrt(np.maximum(largest, 0.0)).reshape(q1.shape)
-    return sigma, np.broadcast_to(moments.position, (q1.size, 3)).reshape(*q1.shape, 3)
 
 
 def _mark(axes: Axes, solution: Solution, shown: list[Array], position: Array, factors: list[float]) -> None:

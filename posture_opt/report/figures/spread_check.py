@@ -57,21 +57,18 @@ def plot_joint_scatter(found: SpreadCheck) -> Figure:
     determine."""
     noise = found.noise
     assert noise is not None
-    turning = [k for k, name in enumerate(noise.names) if not name.endswith(".d") and found.shown[k]]
-    sliding = [k for k, name in enumerate(noise.names) if name.endswith(".d") and found.shown[k]]
-    rows = {
-        k: (noise.names[k].rpartition(".")[0], noise.sigma[k], *noise.interval[k], found.stated_sigma[k])
-        for k in map(int, np.flatnonzero(found.shown))
-    }
-    instrument = ("instrument", noise.instrument, *noise.instrument_interval, found.instrument)
-    lengths = [*(rows[k] for k in sliding), instrument]
-    panels = [([rows[k] for k in turning], "mrad", 1e3)] if turning else []
-    panels.append((lengths, "mm", 1e3))
-    heights = [len(part) for part, _, _ in panels]
+    turning, sliding = list[tuple[Any, ...]](), list[tuple[Any, ...]]()
+    for k in map(int, np.flatnonzero(found.shown)):
+        name, _, kind = noise.names[k].rpartition(".")
+        row = (name, noise.sigma[k], *noise.interval[k], found.stated_sigma[k])
+        (sliding if kind == "d" else turning).append(row)
+    sliding.append(("instrument", noise.instrument, *noise.instrument_interval, found.instrument))
+    panels = [*([(turning, "mrad")] if turning else []), (sliding, "mm")]
+    heights = [len(part) for part, _ in panels]
     figure = new_figure(1.3 + 0.28 * sum(heights) + 0.4 * len(panels))
     grid = figure.add_gridspec(len(panels), 1, height_ratios=[h + 0.8 for h in heights])
-    for k, (part, unit, factor) in enumerate(panels):
-        _bars(figure.add_subplot(grid[k]), part, unit, factor)
+    for k, (part, unit) in enumerate(panels):
+        _bars(figure.add_subplot(grid[k]), part, unit, 1e3)
     legend(figure)
     return figure
 
@@ -88,14 +85,8 @@ def _bars(axes: Axes, rows: list[tuple[Any, ...]], unit: str, factor: float) -> 
     for k, (_, sigma, low, high, stated) in enumerate(rows):
         beyond = not factor * high <= edge
         end = edge if beyond else factor * high
-        axes.barh(
-            k,
-            factor * sigma,
-            color=BLUE,
-            height=0.6,
-            zorder=2,
-            label="estimated" if labels.pop("estimated", 0) else None,
-        )
+        label = "estimated" if labels.pop("estimated", 0) else None
+        axes.barh(k, factor * sigma, color=BLUE, height=0.6, zorder=2, label=label)
         label = "95 % interval" if labels.pop("95 % interval", 0) else None
         axes.plot([factor * low, end], [k, k], color="black", lw=1.6, zorder=3, label=label)
         if beyond:

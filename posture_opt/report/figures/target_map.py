@@ -119,7 +119,9 @@ def draw_layer(axes: Axes, canvas: Canvas, found: TargetMap, values: Array, laye
 
 def new_panels(canvas: Canvas) -> tuple[Figure, list[tuple[Axes, int]]]:
     """A figure with axes for each layer that is shown, and the numbers of these layers."""
-    count = canvas.grid.shape[0]
+    grid, count = canvas.grid, canvas.grid.shape[0]
+    # A turned grid has no coordinate axes: its labels are offsets from the middle.
+    names, off = [line_words(e) for e in grid.axes], "" if grid.aligned else ", off the middle"
     shown = np.unique(np.linspace(0, count - 1, min(count, 9)).round().astype(int)).tolist()
     columns = min(len(shown), 3 if len(shown) not in (1, 2, 4) else 2)
     rows = math.ceil(len(shown) / columns)
@@ -130,13 +132,17 @@ def new_panels(canvas: Canvas) -> tuple[Figure, list[tuple[Axes, int]]]:
     panels = []
     for k, layer in enumerate(shown):
         axes = figure.add_subplot(rows, columns, k + 1)
-        _name_axes(axes, canvas.grid, layer, small=columns > 1)
         (u0, v0), (u1, v1) = canvas.limits
-        axes.set(xlim=(u0, u1), ylim=(v0, v1), autoscale_on=False)
-        # Numbers at the left and below the lowest only: the panels get their room.
-        axes.tick_params(labelleft=k % columns == 0, labelbottom=k + columns >= len(shown))
-        axes.set_ylabel(axes.get_ylabel() if k % columns == 0 else "")
-        axes.set_xlabel(axes.get_xlabel() if k + columns >= len(shown) else "")
+        axes.set(xlim=(u0, u1), ylim=(v0, v1), autoscale_on=False, aspect="equal")
+        # Labels at the left and below the lowest only: the panels get their room.
+        left, lowest = k % columns == 0, k + columns >= len(shown)
+        axes.tick_params(labelleft=left, labelbottom=lowest)
+        axes.set(xlabel=f"{names[0]}{off} [mm]" if lowest else "", ylabel=f"{names[1]}{off} [mm]" if left else "")
+        if grid.aligned and (len(grid.values[2]) > 1 or abs(grid.values[2][0]) > 1e-9):
+            axes.set_title(f"{names[2]} = {fixed(1e3 * grid.values[2][layer], 1)} mm")
+        axes.grid(visible=False)
+        axes.spines[:].set_visible(False)
+        axes.locator_params(nbins=5 if columns > 1 else 8)
         panels.append((axes, layer))
     return figure, panels
 
@@ -145,18 +151,6 @@ def edges_of(grid: Grid) -> tuple[tuple[float, float], tuple[float, float]]:
     """Ends of the picture along u and v [mm]: half a cell beyond the outer targets."""
     (u, v, _), (du, dv, _) = grid.values, grid.sides
     return (1e3 * (u[0] - du / 2), 1e3 * (u[-1] + du / 2)), (1e3 * (v[0] - dv / 2), 1e3 * (v[-1] + dv / 2))
-
-
-def _name_axes(axes: Axes, grid: Grid, layer: int, small: bool) -> None:
-    """Labels, limits and the height of one layer."""
-    names = [line_words(e) for e in grid.axes]
-    off = "" if grid.aligned else ", off the middle"
-    axes.set(xlabel=f"{names[0]}{off} [mm]", ylabel=f"{names[1]}{off} [mm]", aspect="equal")
-    if grid.aligned and (len(grid.values[2]) > 1 or abs(grid.values[2][0]) > 1e-9):
-        axes.set_title(f"{names[2]} = {fixed(1e3 * grid.values[2][layer], 1)} mm")
-    axes.grid(visible=False)
-    axes.spines[:].set_visible(False)
-    axes.locator_params(nbins=5 if small else 8)
 
 
 def _corners(grid: Grid) -> tuple[Array, Array]:
@@ -216,15 +210,10 @@ def _mark(axes: Axes, canvas: Canvas, point: Array, layer: int, label: str, **lo
     """A mark at a point (3,) [m, world frame], where this layer is the nearest to it and the picture shows it."""
     (u, v, w), levels = canvas.grid.coordinates(point[None])[0], canvas.grid.values[2]
     here = int(np.argmin(np.abs(levels - w))) == layer and abs(levels[layer] - w) <= canvas.grid.sides[2] / 2 + 1e-9
-    if here and _seen(canvas.grid, 1e3 * u, 1e3 * v):
-        axes.plot(1e3 * u, 1e3 * v, ls="none", zorder=6, clip_on=False, label=label, **look)
-
-
-def _seen(grid: Grid, u: float, v: float) -> bool:
-    """Whether a point (u, v) [mm] lies in a cell, its edge included."""
-    (u0, u1), (v0, v1) = edges_of(grid)
+    (u0, u1), (v0, v1) = edges_of(canvas.grid)
     near = 1e-6 * max(u1 - u0, v1 - v0)  # what is on the edge is seen, whatever rounding says
-    return u0 - near <= u <= u1 + near and v0 - near <= v <= v1 + near
+    if here and u0 - near <= 1e3 * u <= u1 + near and v0 - near <= 1e3 * v <= v1 + near:
+        axes.plot(1e3 * u, 1e3 * v, ls="none", zorder=6, clip_on=False, label=label, **look)
 
 
 def mark_direction(axes: Axes, grid: Grid, direction: Array) -> None:
@@ -335,13 +324,9 @@ def _rows(axes: Axes, canvas: Canvas, found: AccuracyMap, lengths: Array, layer:
     """Measured rows near this layer, in the colours of the cells; ``lengths`` (M,) [m]."""
     assert found.measured is not None
     measured, grid = found.measured, canvas.grid
-    per_layer = grid.shape[1] * grid.shape[2]
-    mine = measured.near & (measured.cell // per_layer == layer)
-    if not mine.any():
-        return
-    u, v, _ = 1e3 * grid.coordinates(measured.place[mine]).T
-    size = float(np.clip(4000 / np.count_nonzero(mine), 12, 45))
-    axes.scatter(
-        u, v, c=canvas.scale * lengths[mine], cmap=COLOUR_MAP, norm=canvas.norm, s=size, edgecolors="white",
-        linewidths=0.8, zorder=5, label="measured", clip_on=False,
-    )  # fmt: skip
+    mine = measured.near & (measured.cell // (grid.shape[1] * grid.shape[2]) == layer)
+    if mine.any():
+        u, v, _ = 1e3 * grid.coordinates(measured.place[mine]).T
+        size = float(np.clip(4000 / np.count_nonzero(mine), 12, 45))
+        look: Look = {"cmap": COLOUR_MAP, "norm": canvas.norm, "edgecolors": "white", "linewidths": 0.8, "zorder": 5}
+        axes.scatter(u, v, c=canvas.scale * lengths[mine], s=size, label="measured", clip_on=False, **look)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import gzip
 import json
-from abc import ABC, abstractmethod
 from base64 import b64encode
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -54,19 +53,6 @@ _MIN_OPEN_BLOCKS = (
 )
 
 
-class View(ABC):
-    """What a page shows to be turned and chosen from, in plain numbers."""
-
-    @property
-    @abstractmethod
-    def keys(self) -> frozenset[str]:
-        """Of all that can be chosen: rows of tables with such a key show it."""
-
-    @abstractmethod
-    def document(self) -> dict[str, Any]:
-        """What the script of the page reads."""
-
-
 @dataclass(frozen=True)
 class Page:
     """What is on a page.
@@ -82,52 +68,46 @@ class Page:
     report: Document
     images: Mapping[str, bytes] = field(default_factory=dict)
     captions: Mapping[str, str] = field(default_factory=dict)
-    view: View | None = None
+    view: Any = None
     hint: bool = False
     brief: Collection[str] | None = None
     problem_file: str = ""
 
     def html(self) -> str:
         """The page."""
+        view, keys = self.view, frozenset() if self.view is None else self.view.keys
+        titles = [block.title for block in self.report.blocks]
+        briefed = [title for title in titles if self.brief is None or title in self.brief]
+        # A page of fewer than three blocks is short, and nothing of it is folded; of others so many are open at least.
+        opened = briefed if len(briefed) >= _MIN_OPEN_BLOCKS else (*briefed, *titles[:_MIN_OPEN_BLOCKS])
+
+        def shown(views: Sequence[str], k: int) -> str:
+            """The key of what row or column k shows in the view; empty where that is nothing."""
+            return views[k] if k < len(views) and views[k] in keys else ""
+
+        def encoded(data: bytes) -> str:
+            return b64encode(data).decode("ascii")
+
+        def kind(item: str | Facts | Table) -> str:
+            return "text" if isinstance(item, str) else type(item).__name__.lower()
+
         return _template().render(
             page=self,
             report=self.report,
             blocks=[(f"part-{k}", block) for k, block in enumerate(self.report.blocks, 1)],
-            opened=self._opened,
-            images={name: _encoded(data) for name, data in self.images.items()},
-            encoded=_encoded,
-            keys=self._keys,
-            shown=self._shown,
-            library="" if self.view is None else plotly_js(),
-            data="" if self.view is None else packed_json(self.view.document()),
+            opened=frozenset(opened),
+            images={name: encoded(data) for name, data in self.images.items()},
+            encoded=encoded,
+            keys=keys,
+            shown=shown,
+            library="" if view is None else plotly_js(),
+            data="" if view is None else packed_json(view.document()),
             style=_text("page.css"),
-            script=_text("page.js") + ("" if self.view is None else _text("view.js")),
+            script=_text("page.js") + ("" if view is None else _text("view.js")),
             install=INSTALL,
             version=__version__,
-            kind=_kind,
+            kind=kind,
         )
-
-    @property
-    def _keys(self) -> frozenset[str]:
-        return frozenset() if self.view is None else self.view.keys
-
-    def _shown(self, views: Sequence[str], k: int) -> str:
-        return views[k] if k < len(views) and views[k] in self._keys else ""
-
-    @property
-    def _opened(self) -> frozenset[str]:
-        titles = [block.title for block in self.report.blocks]
-        briefed = [title for title in titles if self.brief is None or title in self.brief]
-        return frozenset(briefed if len(briefed) >= _MIN_OPEN_BLOCKS else (*briefed, *titles[:_MIN_OPEN_BLOCKS]))
-
-
-def _encoded(data: bytes) -> str:
-    return b64encode(data).decode("ascii")
-
-
-def _kind(item: str | Facts | Table) -> str:
-    """``text``, ``facts`` or ``table``, by which the template chooses."""
-    return "text" if isinstance(item, str) else type(item).__name__.lower()
 
 
 def _text(name: str) -> str:
@@ -139,11 +119,7 @@ def _text(name: str) -> str:
 def _template() -> Template:
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
-    environment = Environment(
-        loader=PackageLoader("posture_opt.report"),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=StrictUndefined,
-    )
+    loader = PackageLoader("posture_opt.report")
+    environment = Environment(loader=loader, autoescape=True, undefined=StrictUndefined)
+    environment.trim_blocks = environment.lstrip_blocks = True
     return environment.get_template("report.html")

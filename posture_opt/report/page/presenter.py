@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar, cast
 
 from posture_opt.errors import InputError, Issue
 from posture_opt.numerics import Array, Mask, Progress
-from posture_opt.report.page.page import Page, View, plotly_js
+from posture_opt.report.page.page import Page, plotly_js
 from posture_opt.report.page.save import CAPTIONS, Files, report_files, save_files, summary_html
 from posture_opt.report.page.style import THUMBNAIL_DPI, image
 from posture_opt.report.text.blocks import Block, Document, Summary
@@ -143,7 +143,7 @@ class Presenter(SummaryPresenter[R]):
         """The figures, not drawn yet."""
         return {name: partial(plot, self.result) for name, plot in self.plots.items()}
 
-    def view(self) -> View | None:
+    def view(self) -> Any:
         """The interactive view; None where there is nothing to choose from."""
         return None
 

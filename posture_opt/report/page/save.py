@@ -61,21 +61,19 @@ _JSON = (
     *("solution", "spread", "calibration", "diagnosis", "plan", "map", "assessment", "spread_check"),
     *("comparison", "compensation", "answers", "recheck"),
 )
+_ARMS = ("calibrated", "extended", "rechecked")
 ALWAYS = frozenset(("report.txt", "report.html"))
 """What every report writes."""
 
-OWN_FILES = ALWAYS | frozenset(
-    (
+OWN_FILES = frozenset(
+    {
+        *ALWAYS,
         *(f"{name}.json" for name in _JSON),
-        *(
-            f"{name}{end}"
-            for name in ("calibrated", "extended", "rechecked")
-            for end in (".yaml", "_covariance.csv", ".urdf")
-        ),
-        *("cloud.csv", "plan_points.csv", "uncertainty.yaml", "map.csv", "postures.csv"),
-        *("compensated.csv", "answers.csv"),
+        *(f"{name}{end}" for name in _ARMS for end in (".yaml", "_covariance.csv", ".urdf")),
+        *(f"{name}.csv" for name in ("cloud", "plan_points", "map", "postures", "compensated", "answers")),
         *(f"{name}.{kind}" for name in CAPTIONS for kind in ("png", "svg")),
-    )
+        "uncertainty.yaml",
+    }
 )
 """Every name that a report's files may have: of an earlier run they would speak of another problem.
 
@@ -132,17 +130,8 @@ def save_files(folder: Path, files: Files) -> tuple[Path, ...]:
 def map_csv(columns: Mapping[str, Sequence[Any] | Array | Mask], joints: int, decimals_of_joints: int = 6) -> str:
     """The table of a map as a file: places to 0.1 µm, joints to so many decimals of deg or mm, the rest to six."""
     headers = list(columns)
-    decimals = {
-        **dict.fromkeys(headers[:3], 4),
-        "feasible": 0,
-        "listed": 0,
-        **dict.fromkeys(headers[-joints:], decimals_of_joints),
-    }
-    cells = [[_cell(value, decimals.get(head)) for value in columns[head]] for head in headers]
+    decimals = dict.fromkeys(headers[:3], 4) | {"feasible": 0, "listed": 0}
+    decimals |= dict.fromkeys(headers[-joints:], decimals_of_joints)
+    styles = {head: f".{decimals[head]}f" if head in decimals else ".6g" for head in headers}
+    cells = [["" if math.isnan(v) else format(v + 0.0, styles[head]) for v in columns[head]] for head in headers]
     return "".join(csv_line(row) + "\n" for row in (headers, *zip(*cells, strict=True)))
-
-
-def _cell(value: float, decimals: int | None) -> str:
-    if math.isnan(value):
-        return ""
-    return f"{value + 0.0:.6g}" if decimals is None else f"{value + 0.0:.{decimals}f}"

@@ -32,39 +32,19 @@ WIDTH = 8.0
 FONT = 9.0
 """Of every text in a figure [pt]."""
 
-STYLE: Look = {
-    "font.family": "DejaVu Sans",  # travels with matplotlib
-    "font.size": FONT,
-    "axes.titlesize": FONT,
-    "axes.labelsize": FONT,
-    "figure.titlesize": FONT,
-    "figure.labelsize": FONT,
-    "xtick.labelsize": FONT,
-    "ytick.labelsize": FONT,
-    "axes.edgecolor": GREY,
-    "axes.linewidth": 0.8,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "grid.color": "#E6E6E6",
-    "grid.linewidth": 0.6,
-    "legend.fontsize": FONT,
-    "legend.title_fontsize": FONT,
-    "legend.frameon": False,
-    "lines.linewidth": 1.8,
-    "hatch.linewidth": 0.6,
-    "xtick.color": "#404040",
-    "ytick.color": "#404040",
-    "figure.facecolor": "white",
-    "figure.constrained_layout.use": True,
-    "figure.constrained_layout.w_pad": 0.08,
-    "figure.constrained_layout.h_pad": 0.08,
-    "savefig.facecolor": "white",
-    "svg.fonttype": "path",
-    "text.parse_math": False,  # a joint may be called $a_$
-    "svg.hashsalt": "posture_opt",
-}
+STYLE: Look = (
+    {"font.family": "DejaVu Sans"}  # travels with matplotlib
+    | dict.fromkeys(("font.size", "figure.titlesize", "figure.labelsize", "legend.fontsize"), FONT)
+    | dict.fromkeys(("axes.titlesize", "axes.labelsize", "xtick.labelsize", "ytick.labelsize"), FONT)
+    | {"legend.title_fontsize": FONT, "legend.frameon": False, "lines.linewidth": 1.8, "hatch.linewidth": 0.6}
+    | {"axes.edgecolor": GREY, "axes.linewidth": 0.8, "axes.grid": True, "axes.axisbelow": True}
+    | {"axes.spines.top": False, "axes.spines.right": False, "grid.color": "#E6E6E6", "grid.linewidth": 0.6}
+    | {"xtick.color": "#404040", "ytick.color": "#404040", "figure.facecolor": "white", "savefig.facecolor": "white"}
+    | {"figure.constrained_layout.use": True}
+    | dict.fromkeys(("figure.constrained_layout.w_pad", "figure.constrained_layout.h_pad"), 0.08)
+    | {"svg.fonttype": "path", "svg.hashsalt": "posture_opt"}
+    | {"text.parse_math": False}  # a joint may be called $a_$
+)
 
 
 @contextmanager

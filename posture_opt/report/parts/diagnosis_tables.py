@@ -25,7 +25,7 @@ from posture_opt.units import ERROR_UNITS, fixed, number, plus_minus
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from posture_opt import Diagnosis, Measurements
+    from posture_opt import Diagnosis
     from posture_opt.diagnosis.causes.causes import Finding
     from posture_opt.diagnosis.causes.sessions import Gain, SecondSession
     from posture_opt.diagnosis.discrimination_plan import DiscriminationPlan
@@ -47,7 +47,6 @@ _DELIVERED = {
     "size_undetermined": "no: the size is not determined",
     "no_gain": "no: held-out rows do not need it",
 }
-_MAX_CAUSES, _MAX_RIVALS, _MAX_CANDIDATES, _MAX_GEOMETRY = 16, 1, 8, 5
 
 
 def view_key(found: Diagnosis, finding: Finding) -> str:
@@ -61,12 +60,14 @@ def causes_table(found: Diagnosis) -> Table:
     for k, (finding, action) in enumerate(zip(found.effects, found.actions, strict=True), 1):
         like = "" if finding.plausible else "looks like "
         place = f" ({finding.cause.place})" if finding.cause.place else ""
-        row = (f"{k}. {like}{finding.cause.title}{place}", _size(found, finding), _shift(found, finding))
+        shift = found.shift_at_tool(finding)
+        moved = "" if shift is None else f"{'σ ' * (finding.noise is not None)}{mm(shift)} mm"
+        row = (f"{k}. {like}{finding.cause.title}{place}", _size(found, finding), moved)
         rows.append((*row, ACTIONS[action.action], rivals(finding)))
     headers = ("cause", "size", "at the tool", "what to do", "could also be")
     width = len(headers) - (not any(row[-1] for row in rows))
     views = tuple(view_key(found, f) for f in found.effects)
-    return Table(headers[:width], tuple(row[:width] for row in rows), width, views=views, least=_MAX_CAUSES)
+    return Table(headers[:width], tuple(row[:width] for row in rows), width, views=views, least=16)
 
 
 def _size(found: Diagnosis, finding: Finding) -> str:
@@ -79,20 +80,7 @@ def _size(found: Diagnosis, finding: Finding) -> str:
     return f"{sum(c.certain for c in found.corrections)} of {count(len(found.corrections), 'parameter')} differ"
 
 
-def _shift(found: Diagnosis, finding: Finding) -> str:
-    """The shift at the tool [mm]; of scatter a σ."""
-    shift = found.shift_at_tool(finding)
-    return "" if shift is None else f"{'σ ' * (finding.noise is not None)}{mm(shift)} mm"
-
-
-def _test_gain(test: SecondSession | None, finding: Finding) -> str:
-    gain: Gain | None = None if test is None or finding.place is None else test.gains[finding.place]
-    if gain is None:
-        return "not tested" if finding.place is not None else ""
-    return percent(gain.value) if gain.low > 0 else f"({percent(gain.value)})"
-
-
-def rivals(finding: Finding, most: int = _MAX_RIVALS) -> str:
+def rivals(finding: Finding, most: int = 1) -> str:
     """The causes that the data cannot tell from a finding: those with a name first, and how many more there are."""
     ordered = sorted(finding.confounded_with, key=lambda rival: isinstance(rival, UnnamedComponent))
     labels = list(dict.fromkeys(rival.title_or_words for rival in ordered))
@@ -107,7 +95,10 @@ def each_cause(found: Diagnosis) -> tuple[Item, ...]:
         rows = [("Name", f"{finding.kind} of {finding.target}")]
         sizes = finding.cause.sizes(finding.sizes) if finding.determined else ()
         rows += [(size.label.capitalize(), str(size)) for size in sizes]
-        rows += _geometry(found) if finding.kind == "geometry" else []
+        if finding.kind == "geometry":
+            far = sorted((c for c in found.corrections if c.std), key=lambda c: -abs(c.value / c.std))[:5]
+            texts = (f"{c.parameter.name} {plus_minus(c.value, c.std, *ERROR_UNITS[c.parameter.unit])}" for c in far)
+            rows.append(("Most certain", ", ".join(texts)))
         rows += [("Would need", finding.would_need)] if not finding.plausible else []
         rows += [("In the file", finding.stated.stated_size)] if finding.stated is not None else []
         rows.append(("Evidence", f"{p_words(finding.p_value)}, corrected for the whole search"))
@@ -121,12 +112,6 @@ def each_cause(found: Diagnosis) -> tuple[Item, ...]:
         clause = words(finding, found.problem)
         items += [f"{k}. {clause[:1].upper()}{clause[1:]}.", Facts(tuple(rows), view=view_key(found, finding))]
     return tuple(items)
-
-
-def _geometry(found: Diagnosis) -> list[tuple[str, str]]:
-    far = sorted((c for c in found.corrections if c.std), key=lambda c: -abs(c.value / c.std))[:_MAX_GEOMETRY]
-    texts = (f"{c.parameter.name} {plus_minus(c.value, c.std, *ERROR_UNITS[c.parameter.unit])}" for c in far)
-    return [("Most certain", ", ".join(texts))]
 
 
 def errors_table(found: Diagnosis) -> Table:
@@ -148,10 +133,12 @@ def test_tables(found: Diagnosis, test: SecondSession) -> tuple[Table, ...]:
     """Errors on the test file by model, in and out of the measured ranges, and the gain of each effect."""
     names = {name: text for name, text in MODELS.items() if name in test.models}
     rows = tuple((text, *error_cells(test.models[name])) for name, text in names.items())
-    gains = [
-        (f.label, percent(f.gain), _test_gain(test, f), _DELIVERED[found.delivery.status(place)])
-        for place, f in found.fitted_effects
-    ]
+    gains = []
+    for place, f in found.fitted_effects:
+        gain: Gain | None = test.gains[place]
+        # In brackets where it is not significant.
+        seen = "not tested" if gain is None else percent(gain.value) if gain.low > 0 else f"({percent(gain.value)})"
+        gains.append((f.label, percent(f.gain), seen, _DELIVERED[found.delivery.status(place)]))
     effects = [Table(("effect", "RMS drop here", "on the test file", "delivered"), tuple(gains))] if gains else []
     return (Table(error_headers(found.request.data), rows), *range_table(test.file, names), *effects)
 
@@ -180,14 +167,11 @@ def _choices(head: str, choices: Mapping[str, Choice], clearance: float | None) 
 
 def candidates_table(found: Diagnosis) -> Table:
     """The best candidates on the calibrated arm alone: share of the squares, share left by geometry, p-value."""
-    rows = tuple(
-        (
-            *(j.candidate.what.label, "yes" if j.candidate.named else "no"),
-            *(percent(j.share), percent(j.rho), p_value(j.p_value)),
-        )
-        for j in found.search.scored[:_MAX_CANDIDATES]
-    )
-    return Table(("candidate", "in the catalogue", "explains", "not absorbed", "p-value"), rows, text_columns=2)
+    rows = []
+    for j in found.search.scored[:8]:
+        named = "yes" if j.candidate.named else "no"
+        rows.append((j.candidate.what.label, named, percent(j.share), percent(j.rho), p_value(j.p_value)))
+    return Table(("candidate", "in the catalogue", "explains", "not absorbed", "p-value"), tuple(rows), text_columns=2)
 
 
 def split_tables(found: Diagnosis, plan: DiscriminationPlan) -> tuple[Table, ...]:
@@ -236,7 +220,10 @@ def split_csv(found: Diagnosis) -> str:
     sided = every or (plan.sided if plan is not None else ())
     sides = [f"{robot.joint_names[j]}.approach" for j in sided]
     load = ["payload [kg]"] if any(rows.payload is not None for _, rows, _, _ in parts) else []
-    empty = _unmeasured(data)
+    logged = {"temperature [degC]": data.temperature, "time [s]": data.time}
+    empty = [f"{AXES[a]} [mm]" for a in np.flatnonzero(data.measured_axes)]
+    empty += list(QUATERNION) if data.rotation is not None else []
+    empty += [name for name, values in logged.items() if values is not None]
     target = ["target"] if data.target_names else []
     lines = [csv_line([*labels, *target, *headers, *sides, *load, *empty])]
     factors = [math.degrees(1.0) if j.type == "revolute" else 1e3 for j in robot.joints]
@@ -249,10 +236,3 @@ def split_csv(found: Diagnosis) -> str:
             here += ["" if rows.payload is None else f"{rows.payload[i]:g}"] if load else []
             lines.append(csv_line([*here, *[""] * len(empty)]))
     return "\n".join(lines) + "\n"
-
-
-def _unmeasured(data: Measurements) -> list[str]:
-    turned = list(QUATERNION) if data.rotation is not None else []
-    logged = [("temperature [degC]", data.temperature), ("time [s]", data.time)]
-    axes = [f"{AXES[a]} [mm]" for a in np.flatnonzero(data.measured_axes)]
-    return [*axes, *turned, *(name for name, values in logged if values is not None)]

@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from posture_opt.report.page.presenter import Columns
 from posture_opt.report.parts import parts
+from posture_opt.report.parts.parts import joint_cells, joint_heads
 from posture_opt.report.parts.task_parts import critical_rows, main_fact
 from posture_opt.report.text.blocks import Block, Facts, Table
 from posture_opt.selection.answer.improvements import CalibratedArm, HalvedSigma, MovedPart
@@ -15,7 +17,6 @@ from posture_opt.selection.answer.solution_statements import ACROSS_PATH, NO_GAI
 from posture_opt.selection.registered_tasks import part_words
 from posture_opt.statements.notation import (
     angle,
-    joint_unit,
     length,
     length_unit,
     percent,
@@ -25,7 +26,7 @@ from posture_opt.statements.notation import (
     stated,
 )
 from posture_opt.uncertainty.regions.regions import deviation
-from posture_opt.uncertainty.sources.source_names import source_size
+from posture_opt.uncertainty.sources.sources import source_size
 from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:
@@ -33,10 +34,8 @@ if TYPE_CHECKING:
 
     from posture_opt import Arm, Solution
     from posture_opt.selection.answer.improvements import Improvement
-    from posture_opt.selection.answer.prices import Price
-    from posture_opt.selection.answer.target_answer import Alternative
     from posture_opt.selection.program.task_target import TaskTarget
-    from posture_opt.selection.terms.term import Stated, Term
+    from posture_opt.selection.terms.term import Term
 
 _MAX_CHANGES, _MAX_PRICES = 6, 4  # that a table of what would help shows
 
@@ -51,17 +50,13 @@ def target_text(target: TaskTarget) -> str:
 
 def bound_text(term: Term) -> str:
     """A further requirement with its bounds."""
-    of = f" {part_words(term.part, '')}" if term.part is not None else ""
-    name = f"{term.kind.replace('_', ' ')}{of}"
-    return ", ".join(f"{name}{f' of {bound.joint}' * bool(bound.joint)} {_sides(bound)}" for bound in term.stated())
-
-
-def _sides(bound: Stated) -> str:
-    if bound.low == bound.high:
-        return f"at {stated(bound.low, bound.unit)}"
-    sides = [f"at least {stated(bound.low, bound.unit)}"] * math.isfinite(bound.low)
-    sides += [f"at most {stated(bound.high, bound.unit)}"] * math.isfinite(bound.high)
-    return " and ".join(sides)
+    texts, of = [], f" {part_words(term.part, '')}" if term.part is not None else ""
+    for bound in term.stated():
+        low, high = stated(bound.low, bound.unit), stated(bound.high, bound.unit)
+        sides = [f"at least {low}"] * math.isfinite(bound.low) + [f"at most {high}"] * math.isfinite(bound.high)
+        ends = f"at {low}" if bound.low == bound.high else " and ".join(sides)
+        texts.append(f"{term.kind.replace('_', ' ')}{of}{f' of {bound.joint}' * bool(bound.joint)} {ends}")
+    return ", ".join(texts)
 
 
 def posture_block(solution: Solution, title: str = "Posture") -> Block:
@@ -88,14 +83,11 @@ def spread_block(solution: Solution) -> Block:
     if any(term.uses_orientation for term in (*task.minimize, *task.subject_to)):
         of = solution.orientation
         turned = [("Orientation", f"tilt {angle(of.tilt)} (worst axis), spin {angle(of.spin)} (standard deviations)")]
-    rows = (
-        *(*seen, *parts.ellipse_facts(spread, among), parts.mean_fact(spread, among)),
-        *(parts.first_order_fact(critical.sigma_max, linear, among), *turned),
-        *(parts.method_fact(spread), *parts.relative_fact(spread)),
-    )
-    contributions = main_fact(solution.task_spread.budget_groups)
-    brief = Facts((*seen, contributions))
-    return Block("Spread of the tool point", (Facts(rows),), figure="cloud", brief=(brief,))
+    rows = [*seen, *parts.ellipse_facts(spread, among), parts.mean_fact(spread, among)]
+    rows += [parts.first_order_fact(critical.sigma_max, linear, among), *turned, parts.method_fact(spread)]
+    rows += parts.relative_fact(spread)
+    brief = Facts((*seen, main_fact(solution.task_spread.budget_groups)))
+    return Block("Spread of the tool point", (Facts(tuple(rows)),), figure="cloud", brief=(brief,))
 
 
 def alternatives_block(solution: Solution) -> Block:
@@ -103,24 +95,21 @@ def alternatives_block(solution: Solution) -> Block:
     found = solution.alternatives
     if len(found) < 2:
         return Block("Alternatives", (), figure="joint_map")
-    joints = solution.optimisation_problem.robot.joints
+    robot = solution.optimisation_problem.robot
     unit, factor = length_unit([found[0].sigma_max])  # that of the answer, in the whole report
     named, free = any(a.configuration for a in found), solution.target.kind != "point"
     headers = ["rank", f"std. dev. [{unit}]", "difference", *["configuration"] * named]
-    headers += [f"{j.name} [{joint_unit(j.type)[0]}]" for j in joints] + [f"{c} [mm]" for c in "xyz"] * free
+    headers += joint_heads(robot) + [f"{c} [mm]" for c in "xyz"] * free
     rows = []
     for rank, a in enumerate(found, start=1):
         row = [str(rank), number(a.sigma_max * factor), difference(a.sigma_max, found[0].sigma_max)]
-        row += [_without_common(a, found)] * named
-        row += [fixed(a.posture[j.name] * joint_unit(j.type)[1], 1) for j in joints]
+        # Of the configuration the names that not all others have too.
+        each = zip(a.configuration, *(other.configuration for other in found), strict=True)
+        row += [", ".join(name for name, *others in each if len(set(others)) > 1)] * named
+        row += joint_cells(robot, [a.posture[name] for name in robot.joint_names])
         rows.append((*row, *([fixed(1e3 * float(v), 1) for v in a.position] if free else [])))
     views = tuple(f"alternative-{rank}" for rank in range(1, len(rows) + 1))
     return Block("Alternatives", (Table(tuple(headers), tuple(rows), views=views),), figure="joint_map")
-
-
-def _without_common(one: Alternative, every: Sequence[Alternative]) -> str:
-    each = zip(one.configuration, *(other.configuration for other in every), strict=True)
-    return ", ".join(name for name, *others in each if len(set(others)) > 1)
 
 
 def difference(sigma: float, reference: float) -> str:
@@ -151,7 +140,10 @@ def helps_block(solution: Solution) -> Block:
     prices = [price for price in solution.prices if price.gain >= 1e-4 * solution.sigma][:_MAX_PRICES]
     if prices:
         gains = [price.gain for price in prices]
-        loosened = tuple((*_requirement(price), length(price.gain, 2, gains)) for price in prices)
+        # A step is a degree or a millimetre.
+        steps = [(stated if p.unit in ("rad", "m") else quantity)(p.step, p.unit) for p in prices]
+        named = [f"{price.requirement}, {price.side} end" for price in prices]
+        loosened = tuple(zip(named, steps, (length(gain, 2, gains) for gain in gains), strict=True))
         items.append(Table(("requirement that holds the answer", "loosened by", "σ falls by"), loosened))
     return Block("What would help", tuple(items))
 
@@ -164,11 +156,6 @@ def _change(change: Improvement, arm: Arm) -> tuple[str, str, str]:
         return "calibrate", f"arm at {change.postures} postures", instrument
     assert isinstance(change, MovedPart)
     return "move", "part", f"by {shift(change.shift)}"
-
-
-def _requirement(price: Price) -> tuple[str, str]:
-    write = stated if price.unit in ("rad", "m") else quantity
-    return f"{price.requirement}, {price.side} end", write(price.step, price.unit)
 
 
 def step_text(found: Solution, step: float) -> str:
@@ -196,11 +183,10 @@ def points_block(found: Solution) -> Block:
     even = np.linspace(0, len(listed) - 1, min(8, len(listed))).round().astype(int)
     shown = listed[np.union1d(even, np.argmax(found.motion.sigma[listed]))]
     unit, factor = length_unit(found.motion.sigma.tolist())
-    heads = ["point", f"std. dev. [{unit}]", *(f"{c} [mm]" for c in "xyz")]
-    heads += [f"{joint.name} [{joint_unit(joint.type)[0]}]" for joint in robot.joints]
+    heads = ["point", f"std. dev. [{unit}]", *(f"{c} [mm]" for c in "xyz"), *joint_heads(robot)]
     rows = []
     for k in shown:
-        q = [fixed(v * joint_unit(j.type)[1], 1) for v, j in zip(found.motion.Q[k], robot.joints, strict=True)]
+        q = joint_cells(robot, found.motion.Q[k])
         xyz = [fixed(1e3 * float(v), 1) for v in found.path.points[k]]
         number_of = str(int(np.searchsorted(listed, k)) + 1)
         rows.append((number_of, number(factor * float(found.motion.sigma[k])), *xyz, *q))
@@ -234,17 +220,14 @@ def path_checks(found: Solution) -> Block:
     return Block("Checks", (*table, Facts(rows)), brief=())
 
 
-def path_columns(found: Solution) -> dict[str, list[float]]:
+def path_columns(found: Solution) -> Columns:
     """One row a point, listed or added: where it is, the posture, its scatter."""
-    robot, motion = found.optimisation_problem.robot, found.motion
-    points = {f"{c} [mm]": (1e3 * found.path.points[:, k]).tolist() for k, c in enumerate("xyz")}
-    joints = [(joint.name, *joint_unit(joint.type)) for joint in robot.joints]
     return {
-        **points,
+        **parts.point_columns(found.path.points),
         "listed": [int(v) for v in found.path.listed],
-        f"sigma {ACROSS_PATH} [mm]": (1e3 * motion.sigma).tolist(),
+        f"sigma {ACROSS_PATH} [mm]": (1e3 * found.motion.sigma).tolist(),
         **({} if found.law.times is None else {"time [s]": found.law.times.tolist()}),
-        **{f"{name} [{unit}]": (factor * motion.Q[:, k]).tolist() for k, (name, unit, factor) in enumerate(joints)},
+        **parts.joint_columns(found.optimisation_problem.robot, found.motion.Q),
     }
 
 

@@ -15,12 +15,12 @@ from posture_opt.model.arm import Arm
 from posture_opt.numerics import Array
 from posture_opt.report.page.presenter import problem_of
 from posture_opt.report.parts.parts import lean, sigma_of
-from posture_opt.report.text.blocks import Block, Facts, Table
+from posture_opt.report.text.blocks import Block, Table
 from posture_opt.report.text.words import CRITERIA, REGIONS, direction_words, line_words
 from posture_opt.selection.registered_tasks import part_words
 from posture_opt.statements.notation import angle, length, lengths, percent, probability, stated_length
 from posture_opt.uncertainty.regions.regions import Ellipsoid
-from posture_opt.uncertainty.sources.source_names import source_size, source_words
+from posture_opt.uncertainty.sources.sources import source_size, source_words
 from posture_opt.uncertainty.spread.budget import SHARE_TOLERANCE, ShareGroup
 from posture_opt.units import fixed, shown
 
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from posture_opt import Spread, Task
     from posture_opt.selection.problem_data import ProblemData
     from posture_opt.uncertainty.regions.critical import Critical
-    from posture_opt.uncertainty.spread.peg_spread import PegSpread
     from posture_opt.uncertainty.spread.task_spread import TaskSpread
 
 _MAX_NAMED_SOURCES = 3  # sources of a group that are named
@@ -67,17 +66,13 @@ def budget_table(arm: Arm, groups: Sequence[ShareGroup], sigma: Mapping[str, flo
         total += group.share
         (first, *others) = group.parameters
         size = "" if others else source_size(first, sigma.get(first, math.nan), arm)
-        rows.append((group_words(group, arm), named(group.parameters), size, _share(group.share), percent(total)))
+        words = named([source_words(name, arm) for name in group.parameters])
+        shares = _share(group.share), percent(total)
+        rows.append((f"{words} (correlated)" if others else words, named(group.parameters), size, *shares))
     if rest:
         lumped = sum(group.share for group in rest)
         rows.append((others_words(rest), "", "", _share(lumped), percent(total + lumped)))
     return Table(("source", "parameter", "standard deviation", "share", "cumulative"), tuple(rows), text_columns=2)
-
-
-def group_words(group: ShareGroup, arm: Arm) -> str:
-    """A source in words; several that correlate by name, the first of many."""
-    words = named([source_words(name, arm) for name in group.parameters])
-    return words if len(group.parameters) == 1 else f"{words} (correlated)"
 
 
 def others_words(groups: Sequence[ShareGroup]) -> str:
@@ -95,7 +90,6 @@ def _share(share: float) -> str:
     return percent(0.0 if -SHARE_TOLERANCE < share < 0 else share)
 
 
-_TARGET_TOLERANCE_M = 1e-4  # m: a tool point that is farther from the target of the task stands at another place
 _PART_NAMES = {"across": "Across", "along": "Along", "all": "In space"}
 
 
@@ -129,45 +123,6 @@ def clearance_facts(seen: TaskSpread) -> list[tuple[str, str]]:
     return facts
 
 
-def _peg_rows(peg: PegSpread, among: list[float]) -> list[tuple[str, str]]:
-    ends = (("Tip", peg.tip), ("Top end", peg.top))
-    rows = [(name, f"{length(end.sigma_max, among=among)} standard deviation (worst axis)") for name, end in ends]
-    rows.append(("Tilt", f"{shown(peg.tilt_sigma, 'angle')} standard deviation (worst axis)"))
-    risks = (("Two-point contact", peg.two_point_contact), ("Wedging", peg.wedging))
-    for name, risk in risks:
-        if risk is not None:
-            probable = _tilt_probability(risk.probability)
-            rows.append((name, f"at a tilt above {shown(risk.angle, 'angle')}: probability {probable}"))
-    return rows
-
-
-def _yaw_rows(seen: TaskSpread, among: list[float]) -> list[tuple[str, str]]:
-    if seen.yaw is None:
-        return []
-    rows = [("Yaw", f"{angle(seen.yaw.sigma)} standard deviation about the direction")]
-    if seen.yaw.lever:
-        moved, corner = (length(v, among=among) for v in (seen.yaw.lever * seen.yaw.sigma, seen.yaw.corner))
-        lever = stated_length(seen.yaw.lever)
-        rows.append(("Corners", f"{corner} RMS error; the yaw contributes {moved} (lever {lever})"))
-    return rows
-
-
-def _expanded_rows(seen: TaskSpread, among: list[float]) -> list[tuple[str, str]]:
-    if seen.expanded is None or seen.expansion is None:
-        return []
-    along, worst = (length(v, among=among) for v in seen.expanded)
-    share = f"k = {seen.expansion:g}, coverage {100 * math.erf(seen.expansion / math.sqrt(2)):.3g} %"
-    axis = line_words(seen.critical.worst_axis)
-    return [
-        ("Expanded uncertainty", f"U = {along} along {direction_words(seen.direction)} ({share})"),
-        ("", f"U = {worst} along {axis}, the worst direction"),
-    ]
-
-
-def _tilt_probability(p: float) -> str:
-    return "< 1e-6" if p < 1e-6 else f"{100 * p:.2g} %"
-
-
 def lean_facts(spread: Spread) -> list[tuple[str, str]]:
     """How far the tool of an arm in space is from pointing along the direction, where the task asks for that."""
     seen, task = spread.for_task, problem_of(spread).task
@@ -188,36 +143,45 @@ def critical_size(critical: Critical, of: str = "") -> str:
 
 def critical_rows(seen: TaskSpread, among: list[float], origin: str) -> list[tuple[str, str]]:
     """The standard deviations across and along, the 95 % region, the distance from ``origin``, and the probability."""
-    critical = seen.critical
-    m, within = len(critical.covariance), critical.within
-    largest = length(critical.sigma_max, among=among)
-    worst = f"{largest} standard deviation, along {line_words(critical.worst_axis)}"
-    rows = [(f"{_PART_NAMES[within]}, worst axis" if m > 1 else _PART_NAMES[within], worst)]
+
+    def long(metres: float) -> str:
+        return length(metres, among=among)
+
+    critical, within = seen.critical, seen.critical.within
+    worst_axis, several = line_words(critical.worst_axis), len(critical.covariance) > 1
+    name = f"{_PART_NAMES[within]}{', worst axis' * several}"
+    rows = [(name, f"{long(critical.sigma_max)} standard deviation, along {worst_axis}")]
     if within == "across":
-        along = length(seen.sigma_along, among=among)
-        rows.append(("Along", f"{along} standard deviation (not critical for this task)"))
-    if within != "all":
-        rows += _region_row(critical, among)
-    radius = length(critical.radius95, among=among)
-    where = "" if within == "all" else f" {part_words(within, seen.kind)}"
-    rows.append(("95 % radius", f"{radius} from the {origin}{where}, mean shift included"))
-    rows += _expanded_rows(seen, among) + _yaw_rows(seen, among)
-    if seen.peg is not None:
-        rows += _peg_rows(seen.peg, among)
-    if seen.success_probability is not None:
-        which = "both ends within the " if seen.peg is not None else ""
-        clearance = stated_length(seen.clearance)
-        rows.append(("Success probability", f"{probability(seen.success_probability)} ({which}clearance {clearance})"))
-    return rows
-
-
-def _region_row(critical: Critical, among: list[float]) -> list[tuple[str, str]]:
+        rows.append(("Along", f"{long(seen.sigma_along)} standard deviation (not critical for this task)"))
     region = Ellipsoid(np.zeros(len(critical.covariance)), critical.covariance)
-    if not region.rank:
-        return []
-    half = [float(s) for s in region.region(0.95)[::-1][: region.rank]]
-    size = f"semi-axes {lengths(half, among=among)}" if region.rank == 2 else f"± {length(half[0], among=among)}"
-    return [(f"{REGIONS[region.rank]} {critical.within}", f"{size} ({region.factor(0.95):.3f} σ)")]
+    if within != "all" and region.rank:
+        half = [float(s) for s in region.region(0.95)[::-1][: region.rank]]
+        size = f"semi-axes {lengths(half, among=among)}" if region.rank == 2 else f"± {long(half[0])}"
+        rows.append((f"{REGIONS[region.rank]} {within}", f"{size} ({region.factor(0.95):.3f} σ)"))
+    where = "" if within == "all" else f" {part_words(within, seen.kind)}"
+    rows.append(("95 % radius", f"{long(critical.radius95)} from the {origin}{where}, mean shift included"))
+    if seen.expanded is not None and seen.expansion is not None:  # U = k u
+        along, worst = map(long, seen.expanded)
+        share = f"k = {seen.expansion:g}, coverage {100 * math.erf(seen.expansion / math.sqrt(2)):.3g} %"
+        rows.append(("Expanded uncertainty", f"U = {along} along {direction_words(seen.direction)} ({share})"))
+        rows.append(("", f"U = {worst} along {worst_axis}, the worst direction"))
+    if seen.yaw is not None:
+        rows.append(("Yaw", f"{angle(seen.yaw.sigma)} standard deviation about the direction"))
+        if lever := seen.yaw.lever:
+            moved = f"{long(lever * seen.yaw.sigma)} (lever {stated_length(lever)})"
+            rows.append(("Corners", f"{long(seen.yaw.corner)} RMS error; the yaw contributes {moved}"))
+    if seen.peg is not None:
+        for name, end in (("Tip", seen.peg.tip), ("Top end", seen.peg.top)):
+            rows.append((name, f"{long(end.sigma_max)} standard deviation (worst axis)"))
+        rows.append(("Tilt", f"{shown(seen.peg.tilt_sigma, 'angle')} standard deviation (worst axis)"))
+        for name, risk in (("Two-point contact", seen.peg.two_point_contact), ("Wedging", seen.peg.wedging)):
+            if risk is not None:
+                p = "< 1e-6" if risk.probability < 1e-6 else f"{100 * risk.probability:.2g} %"
+                rows.append((name, f"at a tilt above {shown(risk.angle, 'angle')}: probability {p}"))
+    if seen.success_probability is not None:
+        limit = f"{'both ends within the ' * (seen.peg is not None)}clearance {stated_length(seen.clearance)}"
+        rows.append(("Success probability", f"{probability(seen.success_probability)} ({limit})"))
+    return rows
 
 
 def task_budget_block(problem: ProblemData, seen: TaskSpread) -> Block:
@@ -225,9 +189,3 @@ def task_budget_block(problem: ProblemData, seen: TaskSpread) -> Block:
     axis = line_words(seen.critical.worst_axis)
     text = f"Contribution of each source to the variance along {axis}, the critical axis:"
     return budget_block(problem, seen.budget_groups, text)
-
-
-def task_items(spread: Spread, among: list[float]) -> tuple[Facts, ...]:
-    """The facts of the task for a report on one posture; nothing without a task."""
-    seen = spread.for_task
-    return () if seen is None else (Facts(tuple(critical_rows(seen, among, "nominal point"))),)

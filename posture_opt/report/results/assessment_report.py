@@ -48,9 +48,13 @@ def directions_block(found: Assessment) -> Block:
     models = {name: getattr(found, name) for name in MODELS}
     smallest = min(d.rms for model in models.values() for d in model.deviations)
     decimals = 3 if smallest >= 1e-5 or smallest <= 0 else 4
+    data, d = found.calibration.request.data, found.direction
+    names = dict(zip("xyz", data.kind.axis_names, strict=False)) | {"all": _TOTALS[len(found.axes)]}
+    if d is not None:
+        names |= {"along": f"along the task ({direction_words(d)})", "across": "across the task"}
     rows = tuple(
         (
-            _direction_name(found, pair[0].name) if k == 0 else "",
+            names[pair[0].name] if k == 0 else "",
             model,
             *(fixed(1e3 * value, decimals) for value in (d.bias, d.rms, d.mean, d.p95, d.max)),
         )
@@ -59,16 +63,8 @@ def directions_block(found: Assessment) -> Block:
     )
     headers = ("measured minus model [mm]", "model", "bias", "RMS", "mean", "95 % below", "max")
     how = "Bias keeps its sign; RMS, mean, 95 % and max are of the length of the error vector."
-    figure = "residual_vectors" if len(found.calibration.request.data.kind.axis_names) == 3 else ""
+    figure = "residual_vectors" if len(data.kind.axis_names) == 3 else ""
     return Block("Errors by direction", (how, Table(headers, rows, text_columns=2)), figure)
-
-
-def _direction_name(found: Assessment, name: str) -> str:
-    if name in ("along", "across"):
-        assert found.direction is not None
-        return f"along the task ({direction_words(found.direction)})" if name == "along" else "across the task"
-    names = found.calibration.request.data.kind.axis_names
-    return _TOTALS[len(found.axes)] if name == "all" else names["xyz".index(name)]
 
 
 def goals_block(found: Assessment) -> Block:
@@ -241,19 +237,13 @@ def coverage_block(found: SpreadCheck) -> Block:
       scale by: factor on all standard deviations that would make it true, with its interval.
     """
     how = "Each row is compared with the region that a fit without it predicts for its posture, instrument included."
-    rows = tuple(
-        (
-            *(
-                MODEL_NAMES[name],
-                percent(c.share),
-                *(" to ".join(map(percent, ends)) for ends in (c.interval, c.expected)),
-            ),
-            *(number(c.factor), " to ".join(map(number, c.factor_interval))),
-        )
-        for name, c in found.coverage.items()
-    )
+    rows = []
+    for name, c in found.coverage.items():
+        shares = (" to ".join(map(percent, ends)) for ends in (c.interval, c.expected))
+        factors = number(c.factor), " to ".join(map(number, c.factor_interval))
+        rows.append((MODEL_NAMES[name], percent(c.share), *shares, *factors))
     headers = ("95 % region", "contains", "95 % interval", "if correct", "scale by", "95 % interval")
-    return Block("Coverage of the predicted spread", (how, Table(headers, rows)), "truth_coverage")
+    return Block("Coverage of the predicted spread", (how, Table(headers, tuple(rows))), "truth_coverage")
 
 
 def predicted_repeats_block(found: SpreadCheck) -> Block:

@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -36,14 +36,13 @@ from posture_opt.report.results.assessment_report import (
 from posture_opt.report.results.comparison_report import comparison_drawings
 from posture_opt.report.scene.arm_view import VIEWED_ROWS, ArmView, ShownPosture
 from posture_opt.report.scene.posture_views import correction_marks, task_posture
-from posture_opt.report.text.blocks import Block, Facts, Item, Table
+from posture_opt.report.text.blocks import Block, Facts, Table
 from posture_opt.report.text.words import MODEL_NAMES
-from posture_opt.statements.notation import count, decimals_of, length, length_unit, sentence
+from posture_opt.statements.notation import count, decimals_of, length, sentence
 from posture_opt.units import ERROR_UNITS, fixed, number
 
 if TYPE_CHECKING:
     from posture_opt.calibration.calibration import Calibration
-    from posture_opt.calibration.second_file import OtherFile
     from posture_opt.validation.evaluation import Evaluation
 
 
@@ -52,44 +51,43 @@ def parameters_block(found: Calibration) -> Block:
     "determined" is yes, no, or "by prior" where only the stated σ determines it; "change / std. error" beyond 1.96 is
     significant for one parameter."""
     shown = [i for i, p in enumerate(found.parameters) if p.group != "place"]
-    headers = (
-        "parameter",
-        "determined",
-        "nominal [deg, mm]",
-        "estimate [deg, mm]",
-        "change [mrad, mm]",
-        "std. error [mrad, mm]",
-        "change / std. error",
-        "prior [mrad, mm]",
-    )
+    values = ("parameter", "determined", "nominal [deg, mm]", "estimate [deg, mm]", "change [mrad, mm]")
+    headers = (*values, "std. error [mrad, mm]", "change / std. error", "prior [mrad, mm]")
     width = len(headers) - (not np.isfinite(found.prior).any())
     table = Table(headers[:width], tuple(_row(found, i)[:width] for i in shown), text_columns=2)
-    return Block("Parameters", (table, *_correlations(found, shown)))
+    known = [i for i in shown if found.fixed[i]]
+    C, names = found.correlation, [p.name for p in found.parameters]
+    pairs = [(i, j) for a, i in enumerate(known) for j in known[a + 1 :] if abs(C[i, j]) > CORRELATION_SHOWN]
+    pairs.sort(key=lambda pair: -abs(C[pair]))
+    rows = tuple((names[i], names[j], fixed(float(C[i, j]), 3)) for i, j in pairs[:10])
+    correlations = [Table(("estimate", "with", "correlation"), rows, 2)] if rows else []
+    return Block("Parameters", (table, *correlations))
 
 
-def places_blocks(found: Calibration) -> list[Block]:
+def places_blocks(found: Calibration) -> Iterable[Block]:
     """What was found of planes and anchors, in the frame of the base, and what such data cannot show."""
-    blocks = []
     for one in found.instruments.values():
         if not one.places or found.request.data.touches:
             continue
-        places = _each_frame(one.places)
+        places: dict[str, Mapping[str, Json]] = {}
+        for name, place in one.places.items():
+            # Of a place with several frames, as a camera and its board, each of them.
+            inner = {f"{name}: {part}": own for part, own in place.items() if isinstance(own, Mapping)}
+            places |= inner or {name: place}
         names = list(dict.fromkeys(key for place in places.values() for key in place))
-        rows = [(name, *(_place_cell(key, place.get(key)) for key in names)) for name, place in places.items()]
+        rows = []
+        for name, place in places.items():
+            cells = []
+            for key in names:
+                (factor, _, decimals), value = _UNITS.get(key, (1.0, "", 5)), place.get(key)
+                values: Any = value if isinstance(value, list) else [value]
+                text = "" if value is None else ", ".join(f"{factor * float(v):.{decimals}f}" for v in values)
+                cells.append(f"({text})" if isinstance(value, list) else text)
+            rows.append((name, *cells))
         headers = (one.kind, *(f"{key} [{_UNITS[key][1]}]" if key in _UNITS else key for key in names))
         blind = (f"{sentence(one.blind_spot)}",) if one.blind_spot else ()
         how = "In the world of the file; found together with the arm."
-        blocks.append(Block(f"What the {one.noun} show", (how, Table(headers, tuple(rows)), *blind)))
-    return blocks
-
-
-def _each_frame(places: Mapping[str, Mapping[str, Json]]) -> dict[str, Mapping[str, Json]]:
-    """The places by name; of a place with several frames, as a camera and its board, each of them."""
-    found: dict[str, Mapping[str, Json]] = {}
-    for name, place in places.items():
-        inner = {f"{name}: {part}": own for part, own in place.items() if isinstance(own, Mapping)}
-        found |= inner or {name: place}
-    return found
+        yield Block(f"What the {one.noun} show", (how, Table(headers, tuple(rows)), *blind))
 
 
 _UNITS = {
@@ -98,15 +96,6 @@ _UNITS = {
     **dict.fromkeys(("focal_length", "principal_point"), (1.0, "px", 2)),
 }
 """Unknowns of places with a unit: factor from SI, unit and decimals in reports."""
-
-
-def _place_cell(key: str, value: object) -> str:
-    if value is None:
-        return ""
-    factor, _, decimals = _UNITS.get(key, (1.0, "", 5))
-    if isinstance(value, list):
-        return "(" + ", ".join(f"{factor * v:.{decimals}f}" for v in value) + ")"
-    return f"{factor * float(value):.{decimals}f}"  # type: ignore[arg-type]
 
 
 def _row(found: Calibration, i: int) -> tuple[str, ...]:
@@ -136,15 +125,6 @@ def determined_words(found: Calibration) -> str:
     return f"{alone} of {all_of} unknowns are determined individually{more}"
 
 
-def _correlations(found: Calibration, shown: list[int]) -> list[Table]:
-    known = [i for i in shown if found.fixed[i]]
-    C, names = found.correlation, [p.name for p in found.parameters]
-    pairs = [(i, j) for a, i in enumerate(known) for j in known[a + 1 :] if abs(C[i, j]) > CORRELATION_SHOWN]
-    pairs.sort(key=lambda pair: -abs(C[pair]))
-    rows = tuple((names[i], names[j], fixed(float(C[i, j]), 3)) for i, j in pairs[:10])
-    return [Table(("estimate", "with", "correlation"), rows, 2)] if rows else []
-
-
 _OPEN = "What the data do not determine"
 """The only one of the detailed blocks that a short report has."""
 
@@ -160,21 +140,6 @@ def undetermined_block(found: Calibration) -> Block:
         ("Observability", indices),
     )
     return Block(_OPEN, (Facts(facts),))
-
-
-def _outliers(found: Calibration) -> tuple[Item, ...]:
-    """Rows that were left out of the fit, with their lines in the file and by how much each is off [mm]."""
-    if not found.outliers:
-        return ()
-    sizes = np.linalg.norm(found.errors[list(found.outliers)], axis=1)
-    rows = tuple((str(line), mm(float(size))) for line, size in zip(found.lines, sizes, strict=True))
-    return (Table(("line", "off by [mm]"), rows[:20], text_columns=0),)
-
-
-def _test_tables(other: OtherFile) -> tuple[Table, ...]:
-    names = {name: MODEL_NAMES[name] for name in other.models}
-    table = error_table({names[name]: statistics for name, statistics in other.models.items()}, other.data)
-    return (table, *range_table(other, names))
 
 
 class CalibrationPresenter(Presenter["Calibration"]):
@@ -211,14 +176,21 @@ class CalibrationPresenter(Presenter["Calibration"]):
             ("Parameters", determined_words(found)),
         )
         models = {MODEL_NAMES[name]: getattr(found, name) for name in ("nominal", "calibrated")}
+        off = np.linalg.norm(found.errors[list(found.outliers)], axis=1).tolist()
+        outliers = tuple((str(line), mm(size)) for line, size in zip(found.lines, off, strict=True))[:20]
+        tests: tuple[Table, ...] = ()
+        if test is not None:
+            names = {name: MODEL_NAMES[name] for name in test.models}
+            errors = {names[name]: statistics for name, statistics in test.models.items()}
+            tests = (error_table(errors, test.data), *range_table(test, names))
         detailed = (
             *assessment_blocks(evaluation.assessment),
             *spread_check_blocks(evaluation.spread_check),
             parameters_block(found),
             *places_blocks(found),
             undetermined_block(found),
-            Block("Outliers", _outliers(found)),
-            Block("Test file", () if test is None else _test_tables(test)),
+            Block("Outliers", (Table(("line", "off by [mm]"), outliers, text_columns=0),) if outliers else ()),
+            Block("Test file", tests),
             *comparison_blocks(evaluation.comparison),
         )
         yield Block("What the simulation gets wrong", (error_table(models, data),))
@@ -233,28 +205,24 @@ class CalibrationPresenter(Presenter["Calibration"]):
         }
 
     def view(self) -> ArmView:
+        """The posture of the task with its spread and the corrections at their joints; then measured rows, a choice of
+        many, coloured by their error after calibration."""
         found, calibrated = self.result, self.evaluation.models["calibrated"]
         data = found.request.data
         before, after = (np.linalg.norm(errors, axis=1) for errors in (found.errors_nominal, found.errors))
         rows = found.kept_rows[chosen_rows(len(found.kept_rows), VIEWED_ROWS)]
         rows = rows[np.argsort(-after[rows], kind="stable")]
         rows = rows[np.unique(data.line[rows], return_index=True)[1]]  # of several numbers of one line, the worst
-        unit, factor = length_unit(after[rows].tolist())
         q, spread = task_posture(calibrated, self.evaluation.comparison, data.q)
         marks = correction_marks(found, calibrated)
         first = ShownPosture("corrections", "corrections of the arm", q, spread=spread, marks=marks)
-        measured = tuple(
-            ShownPosture(
-                f"line-{data.line[k]}",
-                f"line {data.line[k]}: {length(float(after[k]))} off after calibration",
-                data.q[k],
-                (("Error before calibration", length(float(before[k]))), ("Error after", length(float(after[k])))),
-                value=round(factor * float(after[k]), 5),
-            )
-            for k in rows
-        )
-        values = f"error after calibration [{unit}]"
-        return ArmView(calibrated.robot, (first, *measured), "Shown", calibrated.scene, points=True, values=values)
+        measured = []
+        for k in rows:
+            left, line = float(after[k]), data.line[k]
+            facts = (("Error before calibration", length(float(before[k]))), ("Error after", length(left)))
+            label = f"line {line}: {length(left)} off after calibration"
+            measured.append((ShownPosture(f"line-{line}", label, data.q[k], facts), left))
+        return ArmView.coloured(calibrated, "Shown", measured, "error after calibration", first)
 
     def columns(self) -> Columns:
         found = self.result

@@ -38,8 +38,7 @@ _ORIGINS = {
 
 def gain_blocks(problem: ProblemData, found: Compensation) -> tuple[Block, Block]:
     """Errors before and after, in position and orientation; what the arm is computed with."""
-    left = length_unit([rms(found.off), rms(found.left)])
-    unit, factor = left
+    unit, factor = length_unit([rms(found.off), rms(found.left)])
     sizes = [("position, RMS", rms), ("position, largest", lambda v: float(np.max(v)))]
     rows = [(f"{label} [{unit}]", *_numbers([f(v) for v in (found.off, found.left)], factor)) for label, f in sizes]
     if found.oriented:
@@ -47,12 +46,17 @@ def gain_blocks(problem: ProblemData, found: Compensation) -> tuple[Block, Block
         turned = (found.before.turned, found.after.rms_turned)
         rows.append((f"orientation, RMS [{unit}]", *(number(factor * rms(v), 2) for v in turned)))
     table = Table(("", "as given", "compensated"), tuple(rows))
-    change = np.abs(found.q - found.near).max(axis=0)
+    changes = []
+    for joint, v in zip(found.problem.robot.joints, np.abs(found.q - found.near).max(axis=0), strict=True):
+        # The largest change over the rows; zero below the digits that are written.
+        turns = joint.type == "revolute"
+        size = 0.0 if v < (found.digits.turn if turns else found.digits.slide) else float(v)
+        changes.append(f"{joint.name} {angle(size) if turns else length(size)}")
     facts = (
         *robot_facts(problem),
         *_computed_for(found),
         ("Joints", _ORIGINS[found.origin]),
-        ("Largest change", ", ".join(_changes(found, change))),
+        ("Largest change", ", ".join(changes)),
         *distance_facts(problem.scene, found.clearance),
         *note_facts(problem.sources.notes),
     )
@@ -83,16 +87,6 @@ def _range(values: Array | None, stated: float) -> str:
     return f"{low:.6g}" if low == high else f"{low:.6g} to {high:.6g}"
 
 
-def _changes(found: Compensation, change: np.ndarray) -> list[str]:
-    """The largest change of each joint over the rows, given as (n,) [rad or m]; 0 below the digits that are written."""
-    words = []
-    for joint, v in zip(found.problem.robot.joints, change, strict=True):
-        turns = joint.type == "revolute"
-        size = 0.0 if v < (found.digits.turn if turns else found.digits.slide) else float(v)
-        words.append(f"{joint.name} {angle(size) if turns else length(size)}")
-    return words
-
-
 def rows_block(found: Compensation) -> Block:
     """The rows with their compensated joint values."""
     unit, factor = length_unit([rms(found.off), rms(found.left)])
@@ -120,9 +114,7 @@ class CompensationPresenter(Presenter["Compensation"]):
     def summary(self) -> Summary:
         found = self.result
         among = [rms(found.off), rms(found.left)]
-        turned: tuple[tuple[str, str], ...] = ()
-        if found.oriented:
-            turned = (("Orientation left", f"{angle(rms(found.after.rms_turned))} (RMS)"),)
+        turned = [("Orientation left", f"{angle(rms(found.after.rms_turned))} (RMS)")] if found.oriented else []
         facts = (
             ("As given", f"{length(among[0], among=among)} off (RMS)"),
             ("Compensated", f"{length(among[1], among=among)} expected (RMS)"),
@@ -137,30 +129,20 @@ class CompensationPresenter(Presenter["Compensation"]):
         return Document(title, found.statements, (*gain_blocks(self.problem, found), rows_block(found)))
 
     def view(self) -> ArmView:
-        found = self.result
-        unit, factor = length_unit(found.left.tolist())
-        postures = tuple(
-            ShownPosture(
-                f"line-{found.targets.line[k]}",
-                f"line {found.targets.line[k]}: {length(float(found.left[k]))} left",
-                found.q[k],
-                (("Off as given", length(float(found.off[k]))), ("Left", length(float(found.left[k])))),
-                value=round(factor * float(found.left[k]), 5),
-            )
-            for k in chosen_rows(len(found), VIEWED_ROWS)
-        )
-        robot, scene = found.problem.robot, getattr(found.problem, "scene", None)
-        return ArmView(robot, postures, "Target", scene, points=True, values=f"left [{unit}]")
+        """The compensated rows, coloured by what is left of their error."""
+        found, postures = self.result, []
+        for k in chosen_rows(len(found), VIEWED_ROWS):
+            off, left, line = float(found.off[k]), float(found.left[k]), found.targets.line[k]
+            facts = (("Off as given", length(off)), ("Left", length(left)))
+            shown = ShownPosture(f"line-{line}", f"line {line}: {length(left)} left", found.q[k], facts)
+            postures.append((shown, left))
+        return ArmView.coloured(found.problem, "Target", postures, "left")
 
     def columns(self) -> Columns:
         found = self.result
         joints = {head: found.q[:, j] / factor for j, (_, head, factor) in enumerate(found.headers)}
-        return {
-            "line": found.targets.line.tolist(),
-            **joints,
-            "off [mm]": 1e3 * found.off,
-            "left [mm]": 1e3 * found.left,
-        }
+        errors = {"off [mm]": 1e3 * found.off, "left [mm]": 1e3 * found.left}
+        return {"line": found.targets.line.tolist(), **joints, **errors}
 
     def files(self) -> Files:
         return {"compensated.csv": self.result.to_csv().encode()}

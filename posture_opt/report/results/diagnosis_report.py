@@ -16,19 +16,7 @@ from posture_opt.report.figures.diagnosis import plot_errors, plot_periodogram, 
 from posture_opt.report.figures.diagnosis_curves import plot_curves, plot_left
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter, problem_of
 from posture_opt.report.page.save import Files
-from posture_opt.report.parts.diagnosis_tables import (
-    FILE,
-    MODELS,
-    candidates_table,
-    causes_table,
-    each_cause,
-    errors_table,
-    goals_tables,
-    split_csv,
-    split_tables,
-    test_tables,
-    view_key,
-)
+from posture_opt.report.parts import diagnosis_tables as tables
 from posture_opt.report.parts.model_tables import comparison_blocks, instrument_words, mm, rows_words
 from posture_opt.report.parts.parts import robot_facts
 from posture_opt.report.results.comparison_report import comparison_drawings
@@ -59,22 +47,25 @@ def diagnosis_blocks(found: Diagnosis) -> tuple[Block, ...]:
     )
     curves, periodogram, left = (name if there else "" for name, there in _sometimes(found).items())
     detailed: dict[str, tuple[Sequence[Item], str]] = {
-        "Each cause": (each_cause(found), curves),
+        "Each cause": (tables.each_cause(found), curves),
         "Periodic joint errors": ((), periodogram),
-        "Gain from the causes found": (Later(lambda: (errors_table(found),)), "diagnosis_errors"),
-        "On the test file": (() if test is None else test_tables(found, test), ""),
-        "Comparison of plans, as measured": (() if goals is None else goals_tables(goals), ""),
+        "Gain from the causes found": (Later(lambda: (tables.errors_table(found),)), "diagnosis_errors"),
+        "On the test file": (() if test is None else tables.test_tables(found, test), ""),
+        "Comparison of plans, as measured": (() if goals is None else tables.goals_tables(goals), ""),
         "Causes that could be confused": ((), ""),
-        "Measurements that discriminate between causes": (() if split is None else split_tables(found, split), ""),
+        "Measurements that discriminate between causes": (
+            () if split is None else tables.split_tables(found, split),
+            "",
+        ),
         "Unexplained structure": ((), left),
-        "Candidates": ((candidates_table(found),), "diagnosis_scores"),
+        "Candidates": ((tables.candidates_table(found),), "diagnosis_scores"),
         "What these data cannot show": ((), ""),
         "What no data of this kind can show": ((), ""),
         "Data": ((Facts(facts),), ""),
     }
     blocks = [Block(title, items, figure, brief=()) for title, (items, figure) in detailed.items()]
-    causes = Block("Causes", (causes_table(found),) if found.effects else (), stays=True)
-    return causes, *blocks[:4], *comparison_blocks(found.comparison, MODELS), *blocks[4:]
+    causes = Block("Causes", (tables.causes_table(found),) if found.effects else (), stays=True)
+    return causes, *blocks[:4], *comparison_blocks(found.comparison, tables.MODELS), *blocks[4:]
 
 
 def _sometimes(found: Diagnosis) -> dict[str, bool]:
@@ -95,7 +86,7 @@ class DiagnosisPresenter(Presenter[Diagnosis]):
 
     def facts(self) -> Iterable[tuple[str, str]]:
         found = self.result
-        errors = ", ".join(f"{mm(found.errors[name].rms)} mm {text}" for name, text in MODELS.items())
+        errors = ", ".join(f"{mm(found.errors[name].rms)} mm {text}" for name, text in tables.MODELS.items())
         named = [words(f, found.problem) for f in found.effects]
         more = f"; and {len(named) - _MAX_NAMED_CAUSES} more" if len(named) > _MAX_NAMED_CAUSES else ""
         return (
@@ -123,13 +114,13 @@ class DiagnosisPresenter(Presenter[Diagnosis]):
         for finding, own in zip(found.effects, marks, strict=True):
             clause, size = words(finding, found.problem), finding.size_text
             facts = (("Cause", clause), *([("Size", size)] if size else []))
-            postures.append(ShownPosture(view_key(found, finding), clause, q, facts, spread, marks=own))
+            postures.append(ShownPosture(tables.view_key(found, finding), clause, q, facts, spread, marks=own))
         return ArmView(extended.robot, tuple(postures), "Cause", extended.scene)
 
     def columns(self) -> Columns:
         return {name: [getattr(f, name) for f in self.result.effects] for name in ("kind", "target", "p_value", "gain")}
 
     def files(self) -> Files:
-        further = split_csv(self.result)
+        further = tables.split_csv(self.result)
         extended: Files = self.result.extended.files("extended")
-        return extended | ({FILE: further.encode()} if further else {})
+        return extended | ({tables.FILE: further.encode()} if further else {})

@@ -29,27 +29,17 @@ class ProblemPresenter(SummaryPresenter["Problem"]):
 
     def summary(self) -> Summary:
         problem: Problem = self.result
-        facts = [
-            robot_facts(problem)[0],
-            *effect_facts(problem),
-            *source_facts(problem),
-            *workpiece_facts(problem),
-            *_task_facts(problem.task),
-        ]
-        if problem.cell is not None and problem.cell.obstacles:
-            facts.append(("Obstacles", ", ".join(obstacle.name for obstacle in problem.cell.obstacles)))
+        task, obstacles = problem.task, [] if problem.cell is None else [o.name for o in problem.cell.obstacles]
+        facts = [robot_facts(problem)[0], *effect_facts(problem), *source_facts(problem), *workpiece_facts(problem)]
+        if task is None:
+            facts.append(("Task", "none stated"))
+        else:
+            clearance = f", clearance {stated_length(task.clearance)}" if task.clearance else ""
+            facts += [("Task", f"{task.kind}{clearance}"), ("Target", _where(task))]
+        facts += [("Obstacles", ", ".join(obstacles))] if obstacles else []
         # Two lines a fact.
-        return Summary(
-            f"Problem: {problem.name}",
-            tuple((label, textwrap.shorten(text, 150, placeholder=" …")) for label, text in facts),
-        )
-
-
-def _task_facts(task: Task | None) -> list[tuple[str, str]]:
-    if task is None:
-        return [("Task", "none stated")]
-    clearance = f", clearance {stated_length(task.clearance)}" if task.clearance else ""
-    return [("Task", f"{task.kind}{clearance}"), ("Target", _where(task))]
+        short = tuple((label, textwrap.shorten(text, 150, placeholder=" …")) for label, text in facts)
+        return Summary(f"Problem: {problem.name}", short)
 
 
 def _where(task: Task) -> str:
@@ -83,7 +73,10 @@ class MeasurementsPresenter(SummaryPresenter["Measurements"]):
         data = self.result
         poses = len(np.unique(data.pose))
         repeated = f" of {poses} postures" if poses < len(data) else ", each of another posture"
-        facts = [("Rows", f"{len(data)}{repeated}"), ("Measured", _measured(data)), ("Joints", _ranges(data))]
+        spans = np.ptp(data.q, axis=0)
+        widest = f"the widest range is {math.degrees(float(max(spans))):.0f} deg"
+        moved = f"{sum(span > 0 for span in spans)} of {len(spans)} moved; {widest}"
+        facts = [("Rows", f"{len(data)}{repeated}"), ("Measured", _measured(data)), ("Joints", moved)]
         if len(data.robot_names) > 1:
             facts.append(("Robots", ", ".join(data.robot_names)))
         inputs = ("approach", "payload", "temperature", "time")
@@ -141,10 +134,3 @@ def _measured(data: Measurements) -> str:
         return f"{data.kind.noun}: {', '.join(data.point_names)}" if data.point_names else data.kind.noun
     axes = ", ".join(name for name, seen in zip("xyz", data.measured_axes, strict=True) if seen)
     return f"position ({axes})" + (" and orientation" if data.rotation is not None else "")
-
-
-def _ranges(data: Measurements) -> str:
-    """How many joints moved, and the widest range [deg] that a joint was moved over."""
-    spans = np.ptp(data.q, axis=0)
-    moved = sum(span > 0 for span in spans)
-    return f"{moved} of {len(spans)} moved; the widest range is {math.degrees(float(max(spans))):.0f} deg"

@@ -77,14 +77,11 @@ def places_block(found: TargetMap) -> Block:
     robot = found.optimisation_problem.robot
     unit, factor = length_unit([point.sigma_max for point in points.values()])
     headers = ("", *(f"{c} [mm]" for c in "xyz"), f"std. dev. [{unit}]", *parts.joint_heads(robot))
-    rows = tuple(
-        (
-            *(name, *(fixed(1e3 * value, 1) for value in point.position), number(factor * point.sigma_max)),
-            *parts.joint_cells(robot, point.q),
-        )
-        for name, point in points.items()
-    )
-    return Block("Targets compared", (Table(headers, rows, views=tuple(map(target_key, points.values()))),))
+    rows = []
+    for name, point in points.items():
+        at = (fixed(1e3 * value, 1) for value in point.position)
+        rows.append((name, *at, number(factor * point.sigma_max), *parts.joint_cells(robot, point.q)))
+    return Block("Targets compared", (Table(headers, tuple(rows), views=tuple(map(target_key, points.values()))),))
 
 
 def map_block(found: TargetMap) -> Block:

@@ -38,7 +38,6 @@ from posture_opt.units import ERROR_UNITS, fixed, number
 
 if TYPE_CHECKING:
     from posture_opt import MeasurementPlan, Recheck
-    from posture_opt.changes.hypotheses import Visibility
     from posture_opt.changes.what_changed import LikelyChange
     from posture_opt.experiments.information import ExpectedErrors
 
@@ -179,13 +178,12 @@ class MeasurementPlanPresenter(Presenter["MeasurementPlan"]):
         return (make(self.result) for make in makers)
 
     def view(self) -> ArmView:
+        """The planned postures in the order of the tour."""
         plan = self.result
-        postures = tuple(
-            ShownPosture(f"posture-{k}", f"posture {k}", q, (("Tool point", place(point)),))
-            for k, (q, point) in enumerate(zip(plan.q, plan.points, strict=True), 1)
-        )
+        every = enumerate(zip(plan.q, (place(point) for point in plan.points), strict=True), 1)
+        postures = (ShownPosture(f"posture-{k}", f"posture {k}", q, (("Tool point", at),)) for k, (q, at) in every)
         scene = getattr(plan.problem, "scene", None)
-        return ArmView(plan.robot, postures, "Posture", scene, points=True, line=True)
+        return ArmView(plan.robot, tuple(postures), "Posture", scene, points=True, line=True)
 
     def columns(self) -> Columns:
         return {**parts.joint_columns(self.result.robot, self.result.q), **parts.point_columns(self.result.points)}
@@ -203,39 +201,30 @@ def size_cell(change: LikelyChange) -> str:
 
 def changes_block(found: Recheck) -> Block:
     """The likeliest changes with their size, and what each of them moves the tool by."""
-    rows = [("unchanged", "", "", percent(found.unchanged))]
+    rows, p = [("unchanged", "", "", percent(found.unchanged))], found.probabilities
     for change in found.changes[:8]:
         # Less than 1e-8 m is rounding.
         moved = number(1e3 * change.shift, 2) if change.shift >= 1e-8 else "0"
         rows.append((change.name, size_cell(change), moved, percent(change.probability)))
     table = Table(("what", "size", "tool moves [mm]", "probability"), tuple(rows), text_columns=2)
-    p = found.probabilities
-    together = (("No change", p.unchanged), ("One change", p.one), ("More, or unexplained", p.several))
-    return Block(
-        "What may have changed",
-        (table, Facts(tuple((label, f"probability {percent(value)}") for label, value in together))),
-        "recheck_changes",
-    )
+    together = {"No change": p.unchanged, "One change": p.one, "More, or unexplained": p.several}
+    facts = tuple((label, f"probability {percent(value)}") for label, value in together.items())
+    return Block("What may have changed", (table, Facts(facts)), "recheck_changes")
 
 
 def visible_block(found: Recheck) -> Block:
-    """How large each change must be to be detected with a probability of 90 %."""
-    rows = tuple(
-        (v.name, percent(v.power), number(1e3 * v.shift, 2) if v.seen else "", _size_seen(v)) for v in found.visible
-    )
+    """How large each change must be to be detected with a probability of 90 %; of a frame, which has several sizes, the
+    motion alone."""
+    rows = []
+    for v in found.visible:
+        factor, unit = ERROR_UNITS[v.unit]
+        size = f"{number(factor * v.size, 2)} {unit}".rstrip() if math.isfinite(v.size) else ""
+        seen = (number(1e3 * v.shift, 2), size) if v.seen else ("", "not seen")
+        rows.append((v.name, percent(v.power), *seen))
     headers = ("what", "power at 0.1 mm", "seen from [mm]", "seen from")
-    text = (
-        "Power: probability of detecting a 0.1 mm motion of the tool (RMS); seen from: the size with a power of 90 %."
-    )
-    return Block("What these rows can show", (text, Table(headers, rows)), "recheck_rows")
-
-
-def _size_seen(visible: Visibility) -> str:
-    """The size from which the change is detected; nothing of a frame, which has several."""
-    if not visible.seen:
-        return "not seen"
-    factor, unit = ERROR_UNITS[visible.unit]
-    return f"{number(factor * visible.size, 2)} {unit}".rstrip() if math.isfinite(visible.size) else ""
+    power = "Power: probability of detecting a 0.1 mm motion of the tool (RMS)"
+    text = f"{power}; seen from: the size with a power of 90 %."
+    return Block("What these rows can show", (text, Table(headers, tuple(rows))), "recheck_rows")
 
 
 def measured_block(found: Recheck) -> Block:

@@ -62,6 +62,11 @@ class PostureBatchPresenter(Presenter["PostureBatch"]):
         }
 
     def files(self) -> Files:
+        def cell(value: object) -> str:
+            if isinstance(value, float):
+                return "" if np.isnan(value) else f"{value:.6g}"
+            return str(value)
+
         columns = self.columns()
         rows = [columns, *zip(*columns.values(), strict=True)]
         pages = {
@@ -69,7 +74,7 @@ class PostureBatchPresenter(Presenter["PostureBatch"]):
             for answer, link in zip(self.result.answers, self._links, strict=True)
             if link.file
         }
-        return {"answers.csv": "".join(csv_line(map(_cell, row)) + "\n" for row in rows).encode(), **pages}
+        return {"answers.csv": "".join(csv_line(map(cell, row)) + "\n" for row in rows).encode(), **pages}
 
     @property
     def _links(self) -> tuple[Linked, ...]:
@@ -83,20 +88,10 @@ def answers_table(answers: tuple[BatchAnswer, ...]) -> Table:
     """Name, status, standard deviation in the unit of the largest, probability of success; "-" where not known."""
     known = [answer.sigma_max for answer in answers if not np.isnan(answer.sigma_max)]
     unit, factor = length_unit(known or [0.0])
-    rows = [
-        (
-            answer.name,
-            answer.status,
-            "-" if np.isnan(answer.sigma_max) else number(factor * answer.sigma_max),
-            "-" if np.isnan(answer.success_probability) else probability(answer.success_probability),
-        )
-        for answer in answers
-    ]
+    rows = []
+    for answer in answers:
+        sigma, success = answer.sigma_max, answer.success_probability
+        shown = "-" if np.isnan(sigma) else number(factor * sigma), "-" if np.isnan(success) else probability(success)
+        rows.append((answer.name, answer.status, *shown))
     worst = int(np.nanargmax([answer.sigma_max for answer in answers])) if known else None
     return Table(("problem", "status", f"std. dev. [{unit}]", "success"), tuple(rows), text_columns=2, worst=worst)
-
-
-def _cell(value: object) -> str:
-    if isinstance(value, float):
-        return "" if np.isnan(value) else f"{value:.6g}"
-    return str(value)

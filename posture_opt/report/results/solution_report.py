@@ -102,14 +102,12 @@ class SolutionPresenter(Presenter["Solution"]):
         if found.of_features:  # only the clearance that is theirs by default
             clearance = found.task.clearance
             clearances = [] if clearance is None else [("Clearance", f"{stated_length(clearance)} (radial)")]
-        rows = (
-            *(*robot, ("Task", f"{task.kind} - {task.summary}"), *asked, ("Minimised", self._aim()), *inputs),
-            *([("Requirements", ", ".join(requirements))] if requirements else []),
-            *(*clearances, *sources, *parts.note_facts(stated)),
-        )
+        rows = [*robot, ("Task", f"{task.kind} - {task.summary}"), *asked, ("Minimised", self._aim()), *inputs]
+        rows += [("Requirements", ", ".join(requirements))] if requirements else []
+        rows += [*clearances, *sources, *parts.note_facts(stated)]
         briefly = [row for row in asked if row[0] not in ("Direction", "Features", "Workpiece", "Joint steps")]
         short = (robot[0], ("Task", task.kind), *briefly, *inputs, *sources, *parts.brief_notes(problem, stated))
-        return Block("Problem", (Facts(rows),), brief=(Facts(short),))
+        return Block("Problem", (Facts(tuple(rows)),), brief=(Facts(short),))
 
     def _asked(self) -> list[tuple[str, str]]:
         found = self.result

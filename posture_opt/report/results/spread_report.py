@@ -36,11 +36,9 @@ if TYPE_CHECKING:
 def arm_block(problem: ProblemData, spread: Spread) -> Block:
     """The robot, the sources, and the task where there is one; of the task the short form has nothing."""
     seen, task = spread.for_task, problem.task
-    asked = (
-        []
-        if seen is None or task is None
-        else [*task_parts.task_facts(task, seen.direction), *task_parts.clearance_facts(seen)]
-    )
+    asked = []
+    if seen is not None and task is not None:
+        asked = [*task_parts.task_facts(task, seen.direction), *task_parts.clearance_facts(seen)]
     every = (*problem.notes, *parts.frame_notes(problem.robot), *spread.source_notes)
     stated = (*parts.input_facts(problem), *parts.source_facts(problem), *parts.workpiece_facts(problem))
     robot = parts.robot_facts(problem)
@@ -51,11 +49,8 @@ def arm_block(problem: ProblemData, spread: Spread) -> Block:
 def posture_block(spread: Spread) -> Block:
     """Joints and tool: value, limits and margin of each joint, then tool point and orientation in the world frame."""
     facts = (*parts.tool_facts(spread), *task_parts.lean_facts(spread))
-    brief = (
-        ("Joints", parts.joint_values(spread.problem, spread.q)),
-        *parts.nearest_limit(spread.robot, spread.q),
-        *facts,
-    )
+    joints = ("Joints", parts.joint_values(spread.problem, spread.q))
+    brief = (joints, *parts.nearest_limit(spread.robot, spread.q), *facts)
     table = parts.joint_table(spread.problem, spread.robot, spread.q)
     return Block("Posture", (table, Facts(facts)), figure="arm", brief=(Facts(brief),))
 
@@ -79,7 +74,8 @@ def spread_block(spread: Spread) -> Block:
         parts.method_fact(spread),
         *parts.relative_fact(spread),
     )
-    task, seen = task_parts.task_items(spread, semi_axes), spread.for_task
+    seen = spread.for_task
+    task = () if seen is None else (Facts(tuple(task_parts.critical_rows(seen, semi_axes, "nominal point"))),)
     groups = spread.budget_groups if seen is None else seen.budget_groups
     brief = (*(task or (Facts(facts[:3]),)), Facts((task_parts.main_fact(groups),)))
     return Block("Spread of the tool point", (*task, Table(headers, rows), Facts(facts)), figure="cloud", brief=brief)
@@ -95,21 +91,14 @@ def covariance_table(C: Array) -> Table:
     return Table(("", "x", "y", "z"), rows)
 
 
-def spread_budget_block(problem: ProblemData, spread: Spread) -> Block:
-    """The error budget along the longest axis, or along the critical axis of the task."""
-    if spread.for_task is not None:
-        return task_parts.task_budget_block(problem, spread.for_task)
-    text = f"Contribution of each source to the variance along {line_words(spread.axes[-1])}, the longest axis:"
-    return task_parts.budget_block(problem, spread.budget_groups, text)
-
-
 def spread_facts(spread: Spread) -> tuple[tuple[str, str], ...]:
     """The posture and the spread of its tool point, in four lines; one more where there is a task."""
     seen = spread.for_task
-    (first, *_), axis = (
-        (spread.budget_groups, "the longest axis") if seen is None else (seen.budget_groups, "the critical axis")
-    )
-    part = "" if seen is None else f"{length(seen.critical.sigma_max)} {PARTS[seen.critical.within]}"
+    groups, axis, part = spread.budget_groups, "the longest axis", ""
+    if seen is not None:
+        groups, axis = seen.budget_groups, "the critical axis"
+        part = f"{length(seen.critical.sigma_max)} {PARTS[seen.critical.within]}"
+    first = groups[0]
     return (
         ("Posture", parts.joint_values(spread.problem, spread.q)),
         ("Tool point", place(spread.position)),
@@ -134,22 +123,24 @@ class SpreadPresenter(Presenter["Spread"]):
         # A report with a task leaves the covariance out of its short form.
         covariance = Block(title, table, brief=() if found.for_task else None)
         yield from (arm_block(problem, found), posture_block(found), spread_block(found), covariance)
-        yield spread_budget_block(problem, found)
+        if found.for_task is not None:
+            yield task_parts.task_budget_block(problem, found.for_task)
+        else:
+            text = f"Contribution of each source to the variance along {line_words(found.axes[-1])}, the longest axis:"
+            yield task_parts.budget_block(problem, found.budget_groups, text)
 
     def drawings(self) -> Drawings:
         found = self.result
-        seen, arm = found.for_task, partial(scene_of("arm_figure").plot_spread, found)
-        if seen is None:
-            return {
-                "arm": arm,
-                "cloud": partial(figures_of("cloud").plot_simulated, found),
-                "budget": partial(figures_of("solution").plot_longest_axis_budget, found),
-            }
-        return {
-            "arm": arm,
-            "cloud": partial(figures_of("cloud").plot_cross_section, found, seen, origin="nominal point"),
-            "budget": partial(figures_of("solution").plot_task_budget, found, seen),
+        seen, cloud, solution = found.for_task, figures_of("cloud"), figures_of("solution")
+        drawn: Drawings = {
+            "cloud": partial(cloud.plot_simulated, found),
+            "budget": partial(solution.plot_longest_axis_budget, found),
         }
+        if seen is not None:
+            # The cross-section of the ellipse in which the task counts it.
+            drawn["cloud"] = partial(cloud.plot_cross_section, found, seen, origin="nominal point")
+            drawn["budget"] = partial(solution.plot_task_budget, found, seen)
+        return {"arm": partial(scene_of("arm_figure").plot_spread, found), **drawn}
 
     def view(self) -> ArmView:
         view: ArmView = scene_of("posture_views").spread_view(self.result)
@@ -209,7 +200,9 @@ class CloudPresenter(Presenter["Cloud"]):
         posture, point, *_ = spread_facts(cloud.spread)
         sizes = lengths([math.sqrt(max(float(v), 0.0)) for v in cloud.eigenvalues[::-1]])
         facts = (
-            *(posture, point, ("Standard deviations", sizes)),
+            posture,
+            point,
+            ("Standard deviations", sizes),
             ("Ratio to the closed form", ", ".join(fixed(float(ratio), 4) for ratio in cloud.ratio[::-1])),
             ("In its 95 % region", f"{100 * cloud.coverage95:.2f} % (sampling interval {low:.2f} to {high:.2f} %)"),
             *([] if cloud.success is None else [("Within the clearance", f"{100 * cloud.success:.2f} %")]),

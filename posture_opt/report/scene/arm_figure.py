@@ -166,9 +166,9 @@ def _framed(
 ) -> tuple[Camera, bool, float]:
     """The view, whether the column is to the right of the arm, and the height of the figure that suits both [inch];
     ``column`` [inch]."""
-    solids = [o for o in geometry.obstacles if np.ptp(o.faces.reshape(-1, 3), axis=0).max() < geometry.extent]
+    solids = [o for o in geometry.obstacles if np.ptp(o.corners, axis=0).max() < geometry.extent]
     seen = [geometry.points, geometry.region.surface().reshape(-1, 3), *(mark.points for mark in marks)]
-    points = np.concatenate([*seen, *(solid.faces.reshape(-1, 3) for solid in (*solids, *ghosts))])
+    points = np.concatenate([*seen, *(solid.corners for solid in (*solids, *ghosts))])
     points = points[np.isfinite(points[:, 0])]
     camera = best_camera(geometry)
     at = camera.project(points)[:, 0]

@@ -158,8 +158,13 @@ class ArmGeometry:
         """The posture of a spread with what is asked of the tool point and the obstacles."""
         arm = ArmSolids(spread.tool_point.robot)
         frames = arm.frames(spread.q)
-        solids = tuple(solid.placed(frames) for solid in arm.solids if not _sunk(solid.placed(frames), scene))
-        points = np.concatenate([solid.faces.reshape(-1, 3) for solid in solids])
+        solids = tuple(solid.placed(frames) for solid in arm.solids)
+        if scene is not None:
+            # A base block inside an obstacle is left out: the arm is mounted on that.
+            middles = [solid.corners.mean(axis=0)[None] for solid in solids]
+            sunk = [any(float(o.distance(at, at)[0]) < 1e-9 for o in scene.obstacles) for at in middles]
+            solids = tuple(s for s, inside in zip(solids, sunk, strict=True) if s.role != "base" or not inside)
+        points = np.concatenate([solid.corners for solid in solids])
         region = ErrorRegion.of(spread, enlargement(float(spread.region(0.95)[-1]), extent_of(points)))
         obstacles = () if scene is None else obstacles_near(scene, points)
         planar = len(spread.basis) == 2
@@ -177,7 +182,7 @@ class ArmGeometry:
     @cached_property
     def points(self) -> Array:
         """(k, 3) corners of all surfaces of the arm [m]."""
-        return np.concatenate([solid.faces.reshape(-1, 3) for solid in self.solids])
+        return np.concatenate([solid.corners for solid in self.solids])
 
     @cached_property
     def extent(self) -> float:
@@ -230,16 +235,9 @@ def floor_under(points: Array, obstacles: Sequence[Solid], height: float | None 
     """A level floor at a height [m], by default under an arm with points (k, 3) [m] and all obstacles."""
     if any(obstacle.level for obstacle in obstacles):
         return None
-    seen = np.concatenate([points, *(obstacle.faces.reshape(-1, 3) for obstacle in obstacles)])
+    seen = np.concatenate([points, *(obstacle.corners for obstacle in obstacles)])
     low, high = seen.min(axis=0), seen.max(axis=0)
     # The floor goes on by 0.25 of the extent beyond arm and obstacles.
     half = (high - low)[:2] / 2 + 0.25 * extent_of(seen)
     middle = np.array([*(low + high)[:2] / 2, low[2] if height is None else height])
     return Solid("floor", "floor", -1, rectangle(middle, np.array([half[0], 0, 0]), np.array([0, half[1], 0]), 8))
-
-
-def _sunk(solid: Solid, scene: Scene | None) -> bool:
-    if solid.role != "base" or scene is None:
-        return False
-    middle = solid.faces.reshape(-1, 3).mean(axis=0)[None]
-    return any(float(obstacle.distance(middle, middle)[0]) < 1e-9 for obstacle in scene.obstacles)

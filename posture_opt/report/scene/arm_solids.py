@@ -17,9 +17,8 @@ from posture_opt.collision.facets import cylinder_facets, rectangle, tapered_fac
 from posture_opt.model.chain import factor_values, walk
 from posture_opt.numerics import Array
 from posture_opt.report.page.colours import BLUE, GREEN, ORANGE, VERMILLION
-from posture_opt.robot.link_capsules import STAND_IN_RADIUS_RATIO, stand_in, tool_capsule
-from posture_opt.robot.robot import Robot
-from posture_opt.robot.shape import BASE, TOOL, Capsule
+from posture_opt.robot.robot import BASE, TOOL, Capsule, Robot
+from posture_opt.robot.shape_section import STAND_IN_RADIUS_RATIO, stand_in, tool_capsule
 
 Role = Literal["base", "link", "joint", "tool", "obstacle", "floor", "region"]
 COLOURS = {
@@ -56,6 +55,11 @@ class Solid:
             return self
         T = frames[self.frame]
         return replace(self, frame=-1, faces=self.faces @ T[:3, :3].T + T[:3, 3])
+
+    @property
+    def corners(self) -> Array:
+        """(4 k, 3) [m]."""
+        return self.faces.reshape(-1, 3)
 
     @property
     def level(self) -> bool:
@@ -146,14 +150,17 @@ class ArmSolids:
 
     @cached_property
     def links(self) -> tuple[Link, ...]:
-        """Base, links and tool as cones between balls."""
-        known = self.robot.links_have_shape
-        drawn = [] if known else _tapered(stand_in(self.robot), self.radius)
+        """Base, links and tool as cones between balls; of an arm without a shape, links taper from base to tool."""
+        drawn = []
+        if not self.robot.links_have_shape:
+            capsules = stand_in(self.robot)
+            way = np.concatenate([[0.0], np.cumsum([capsule.length for capsule in capsules])])
+            radii = self.radius * np.interp(way / max(float(way[-1]), 1e-12), [0.0, 1.0], _TAPER_RADII)
+            drawn = [_link(c, float(a), float(b)) for c, a, b in zip(capsules, radii, radii[1:], strict=False)]
         end = drawn[-1].end_radius if drawn else _TAPER_RADII[1] * self.radius
-        links = [*drawn, *(_even(c) for c in self.robot.shape)]
         # A tool of unknown shape ends at 0.12 of the radius.
-        tools = [Link(TOOL, *_ends(c), 0.9 * end, 0.12 * self.radius) for c in tool_capsule(self.robot)]
-        return (*links, *tools)
+        tools = [replace(_link(c, 0.9 * end, 0.12 * self.radius), joint=TOOL) for c in tool_capsule(self.robot)]
+        return (*drawn, *(_link(c, c.radius, c.radius) for c in self.robot.shape), *tools)
 
     @cached_property
     def joints(self) -> tuple[JointAxis, ...]:
@@ -163,9 +170,17 @@ class ArmSolids:
     @cached_property
     def solids(self) -> tuple[Solid, ...]:
         """All of them, each in its own frame."""
-        bodies = [Solid(link.joint, _role(link.joint), self._frame(link.joint), _faces(link)) for link in self.links]
-        drums = [Solid(joint.name, "joint", joint.frame, _drum(joint)) for joint in self.joints]
-        return (self._block(), *bodies, *drums)
+        roles: dict[str, Role] = {BASE: "base", TOOL: "tool"}
+        found = [self._block()]
+        for link in self.links:
+            faces = tapered_facets(link.start, link.end, link.start_radius, link.end_radius)
+            found.append(Solid(link.joint, roles.get(link.joint, "link"), self._frame(link.joint), faces))
+        for joint in self.joints:
+            wide, long = _DRUM_SIZE if joint.type == "revolute" else _SLIDE_SIZE
+            reach = long * joint.radius * joint.axis
+            faces = cylinder_facets(joint.middle - reach, joint.middle + reach, wide * joint.radius)
+            found.append(Solid(joint.name, "joint", joint.frame, faces))
+        return tuple(found)
 
     def _frame(self, joint: str) -> int:
         """The number of the frame that a joint carries."""
@@ -213,35 +228,5 @@ class ArmSolids:
         return np.where(np.isfinite(least), least, 0.0), radius
 
 
-def _even(capsule: Capsule) -> Link:
-    return Link(capsule.joint, *_ends(capsule), capsule.radius, capsule.radius)
-
-
-def _tapered(capsules: Sequence[Capsule], radius: float) -> list[Link]:
-    """Links that get thinner with the way from the base: from 1.25 to 0.55 of ``radius`` [m]."""
-    way = np.concatenate([[0.0], np.cumsum([capsule.length for capsule in capsules])])
-    radii = radius * np.interp(way / max(float(way[-1]), 1e-12), [0.0, 1.0], _TAPER_RADII)
-    return [
-        Link(capsule.joint, *_ends(capsule), float(a), float(b))
-        for capsule, a, b in zip(capsules, radii, radii[1:], strict=False)
-    ]
-
-
-def _ends(capsule: Capsule) -> tuple[Array, Array]:
-    """Both ends (3,) of a capsule [m]."""
-    return np.array(capsule.start), np.array(capsule.end)
-
-
-def _role(joint: str) -> Role:
-    return "base" if joint == BASE else "tool" if joint == TOOL else "link"
-
-
-def _faces(link: Link) -> Array:
-    """(k, 4, 3) the surface of a link [m]."""
-    return tapered_facets(link.start, link.end, link.start_radius, link.end_radius)
-
-
-def _drum(joint: JointAxis) -> Array:
-    wide, long = _DRUM_SIZE if joint.type == "revolute" else _SLIDE_SIZE
-    reach = long * joint.radius * joint.axis
-    return cylinder_facets(joint.middle - reach, joint.middle + reach, wide * joint.radius)
+def _link(capsule: Capsule, start_radius: float, end_radius: float) -> Link:
+    return Link(capsule.joint, np.array(capsule.start), np.array(capsule.end), start_radius, end_radius)

@@ -7,15 +7,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from posture_opt.collision.facets import cylinder_facets, tapered_facets
 from posture_opt.numerics import Array, Codes, Json
-from posture_opt.report.page.page import View
 from posture_opt.report.scene.arm_geometry import (
     ARROW_SHARE,
     ErrorRegion,
@@ -27,14 +26,11 @@ from posture_opt.report.scene.arm_geometry import (
     obstacles_near,
 )
 from posture_opt.report.scene.arm_solids import COLOURS, ArmSolids, Solid
-from posture_opt.statements.notation import joint_unit
-from posture_opt.units import fixed
+from posture_opt.statements.notation import joint_value, length_unit
 
 if TYPE_CHECKING:
     from posture_opt import Robot, Spread
     from posture_opt.collision.scene import Scene
-
-_SHAFT_RADIUS, _HEAD_RADIUS = 0.028, 0.075  # radii of an arrow of length 1
 
 
 @dataclass(frozen=True)
@@ -88,9 +84,7 @@ def solids_document(solids: Sequence[Solid]) -> dict[str, Json]:
 def arrow() -> Triangles:
     """An arrow of length 1 along z from the origin: a shaft and a cone."""
     neck, tip = np.array([0.0, 0.0, 0.74]), np.array([0.0, 0.0, 1.0])
-    return Triangles.of(
-        [cylinder_facets(np.zeros(3), neck, _SHAFT_RADIUS), tapered_facets(neck, tip, _HEAD_RADIUS, 0.0)]
-    )
+    return Triangles.of([cylinder_facets(np.zeros(3), neck, 0.028), tapered_facets(neck, tip, 0.075, 0.0)])
 
 
 def ball() -> Triangles:
@@ -102,15 +96,6 @@ def ball() -> Triangles:
 VIEWED_ROWS = 200
 """Of a table: more postures hide each other."""
 _MAX_REGION_SHARE = 0.4  # of the extent: an enlarged region is no longer than this
-_VIEW_TURNS_DEG = -62.0, 62.0, -100.0, 100.0, -30.0, 30.0  # deg off where the arm reaches to, the best view first
-
-
-@dataclass(frozen=True)
-class Mark:
-    """Words at a joint, at ``base`` or at ``tool``, which are shown in colour."""
-
-    owner: str
-    text: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +109,7 @@ class ShownPosture:
         spread: of the tool there; None: no region is drawn.
         target: where the tool point should be; None: nothing is drawn of it.
         shares: of the owners of the sources (a joint, ``base``, ``tool``) in the variance that counts.
-        marks: words at joints.
+        marks: words at joints, at ``base`` or ``tool``, which are shown in colour.
         value: by which the point is coloured where the view has values.
     """
 
@@ -135,12 +120,12 @@ class ShownPosture:
     spread: Spread | None = None
     target: TargetGeometry | None = None
     shares: tuple[tuple[str, float], ...] = ()
-    marks: tuple[Mark, ...] = ()
+    marks: tuple[tuple[str, str], ...] = ()
     value: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
-class ArmView(View):
+class ArmView:
     """An arm in at least one posture.
 
     Args:
@@ -160,31 +145,44 @@ class ArmView(View):
     line: bool = False
     values: str = ""
 
+    @classmethod
+    def coloured(
+        cls, problem: Any, choice: str, sized: Sequence[tuple[ShownPosture, float]], what: str, *first: ShownPosture
+    ) -> ArmView:
+        """Postures with lengths [m] that colour their points, ``what`` they are; ``first`` come without colours."""
+        unit, factor = length_unit([size for _, size in sized])
+        coloured = (replace(posture, value=round(factor * size, 5)) for posture, size in sized)
+        scene, values = getattr(problem, "scene", None), f"{what} [{unit}]"
+        return cls(problem.robot, (*first, *coloured), choice, scene, points=True, values=values)
+
     @property
     def keys(self) -> frozenset[str]:
-        """Of all postures."""
+        """Rows of tables with such a key show a posture."""
         return frozenset(posture.key for posture in self.postures)
 
     def document(self) -> dict[str, Json]:
         """Plain numbers: lengths in mm, frames as ``R | t`` row by row."""
         around = self._around
         # The floor goes on beyond what is drawn of it.
-        low, high = _bounds(np.concatenate([self._points, *(_corners(s) for s in around if s.role != "floor")]))
+        points = np.concatenate([self._points, *(s.corners for s in around if s.role != "floor")])
+        low, high, margin = points.min(axis=0), points.max(axis=0), 0.04 * float(np.ptp(points, axis=0).max())
+        target, joints = self.postures[0].target, self._arm.joints
+        box = None if target is None or target.kind != "region" else np.array([target.lower, target.upper])
         return {
             "colours": COLOURS,
             "arm": solids_document(self._arm.solids),
-            "joints": [self._joint(k) for k in range(self.robot.n)],
+            "joints": [{"name": j.name, "frame": j.frame, "middle": _mm(j.middle)} for j in joints],
             "around": [{"name": s.name, "role": s.role, **Triangles.of([s.faces]).document()} for s in around],
             "shapes": {"ball": ball().document(4), "arrow": arrow().document(4)},
             "postures": [self._posture(posture) for posture in self.postures],
             "region": self._regions[0].label if self._regions else "",
-            "box": self._box,
+            "box": None if box is None else _mm(box),
             "points": self.points,
             "line": self.line,
             "values": self.values,
             "planar": self._planar,
-            "low": np.round(1e3 * low).tolist(),
-            "high": np.round(1e3 * high).tolist(),
+            "low": np.round(1e3 * (low - margin)).tolist(),
+            "high": np.round(1e3 * (high + margin)).tolist(),
             "eye": self._eye,
         }
 
@@ -204,7 +202,7 @@ class ArmView(View):
         found = []
         for frames in self._frames:
             for solid in self._arm.solids:
-                corners = solid.placed(frames).faces.reshape(-1, 3)
+                corners = solid.placed(frames).corners
                 # About 800 corners tell the extent of an arm.
                 found.append(corners[:: max(1, len(self.postures) * len(corners) // 800)])
         return np.concatenate(found)
@@ -213,7 +211,7 @@ class ArmView(View):
     def _extent(self) -> float:
         """The largest edge of the box around the arm in its first posture [m]."""
         frames = self._frames[0]
-        return extent_of(np.concatenate([solid.placed(frames).faces.reshape(-1, 3) for solid in self._arm.solids]))
+        return extent_of(np.concatenate([solid.placed(frames).corners for solid in self._arm.solids]))
 
     @cached_property
     def _around(self) -> tuple[Solid, ...]:
@@ -247,39 +245,26 @@ class ArmView(View):
             region = self._regions[sum(p.spread is not None for p in self.postures[:k])]
         target, tool = posture.target, self._frames[k][-1][:3, 3]
         ring = None if target is None or region is None else target.ring(region.factor, tool, self._extent)
+        # Semi-axes that are missing are zero.
+        axes = None if region is None else np.pad(region.semi_axes, ((0, 0), (0, 3 - region.semi_axes.shape[1])))
+        joints = self.robot.joints
         arrow = None if target is None else ARROW_SHARE * self._extent * frame_along(target.direction)
         return {
             "key": posture.key,
             "label": posture.label,
-            "facts": [*posture.facts, *self._joint_facts(posture.q)],
+            "facts": [
+                *posture.facts,
+                *((j.name, joint_value(v, j.type)) for j, v in zip(joints, posture.q, strict=True)),
+            ],
             "frames": [_affine(T[:3, :3], T[:3, 3]) for T in self._frames[k]],
-            "region": None if region is None else _affine(region.factor * _square(region.semi_axes), region.center),
+            "region": None if region is None or axes is None else _affine(region.factor * axes, region.center),
             "arrow": None if arrow is None else _affine(arrow, tool),
             "ring": None if ring is None else {"axes": _affine(ring.axes, ring.center), "label": ring.label},
-            "missed": (1e3 * target.lower).round(1).tolist() if target is not None and target.missed(tool) else None,
+            "missed": _mm(target.lower) if target is not None and target.missed(tool) else None,
             "shares": [[owner, round(share, 4)] for owner, share in posture.shares],
-            "marks": [[mark.owner, mark.text] for mark in posture.marks],
+            "marks": list(map(list, posture.marks)),
             "value": posture.value,
         }
-
-    def _joint_facts(self, q: Array) -> list[tuple[str, str]]:
-        """Name and value [deg or mm] of each joint at q (n,) [rad or m]."""
-        units = [joint_unit(joint.type) for joint in self.robot.joints]
-        values = zip(self.robot.joint_names, units, q, strict=True)
-        return [(name, f"{fixed(value * factor)} {unit}") for name, (unit, factor), value in values]
-
-    def _joint(self, k: int) -> dict[str, Json]:
-        """Name, frame and middle (3,) [mm] of joint k in that frame."""
-        joint = self._arm.joints[k]
-        return {"name": joint.name, "frame": joint.frame, "middle": (1e3 * joint.middle).round(1).tolist()}
-
-    @property
-    def _box(self) -> list[list[float]] | None:
-        """(2, 3) corners of the box for the target [mm]; None where there is none."""
-        target = self.postures[0].target
-        if target is None or target.kind != "region":
-            return None
-        return np.round(1e3 * np.array([target.lower, target.upper]), 1).tolist()  # type: ignore[no-any-return]
 
     @property
     def _eye(self) -> list[float]:
@@ -294,35 +279,28 @@ class ArmView(View):
         out = (origins - origins[0])[:, :2]
         far = out[np.argmax(np.linalg.norm(out, axis=1))]
         ahead = math.atan2(far[1], far[0])
-        azimuth = min((ahead + math.radians(turn) for turn in _VIEW_TURNS_DEG), key=self._hidden)
-        return [round(0.9 * math.cos(azimuth), 3), round(0.9 * math.sin(azimuth), 3), 0.42]
-
-    def _hidden(self, azimuth: float) -> float:
-        """How far obstacles that are as high as the arm's middle reach in front of it, seen from there [m]."""
         middle = (self._points.min(axis=0) + self._points.max(axis=0)) / 2
-        towards = np.array([math.cos(azimuth), math.sin(azimuth), 0.0])
-        tall = [_corners(s) for s in self._around if s.role == "obstacle" and _corners(s)[:, 2].max() > middle[2]]
-        return round(sum(max(float(np.max((points - middle) @ towards)), 0.0) for points in tall), 3)
+        solids = [s.corners for s in self._around if s.role == "obstacle"]
+        tall = [corners for corners in solids if corners[:, 2].max() > middle[2]]
 
+        def hidden(azimuth: float) -> float:
+            """How far obstacles as high as the arm's middle reach in front of it, seen from there [m]."""
+            towards = np.array([math.cos(azimuth), math.sin(azimuth), 0.0])
+            return round(sum(max(float(np.max((points - middle) @ towards)), 0.0) for points in tall), 3)
 
-def _corners(solid: Solid) -> Array:
-    """The corners (k, 3) [m] of a solid."""
-    return solid.faces.reshape(-1, 3)
-
-
-def _bounds(points: Array) -> tuple[Array, Array]:
-    """The corners (3,) and (3,) [m] of the box about points (k, 3), with a margin of 4 % of its longest edge."""
-    low, high = points.min(axis=0), points.max(axis=0)
-    margin = 0.04 * float((high - low).max())
-    return low - margin, high + margin
+        # Turns off where the arm reaches to, the best view first [deg].
+        turns = np.radians([-62.0, 62.0, -100.0, 100.0, -30.0, 30.0]).tolist()
+        azimuth = min((ahead + turn for turn in turns), key=hidden)
+        return [round(0.9 * math.cos(azimuth), 3), round(0.9 * math.sin(azimuth), 3), 0.42]
 
 
 def _affine(A: Array, t: Array) -> list[float]:
     """``A | t`` row by row, (12,): A as it is, t in mm."""
-    rows = np.column_stack([np.round(A, 5), np.round(1e3 * t, 2)])
-    return rows.ravel().tolist()
+    rows: list[float] = np.column_stack([np.round(A, 5), np.round(1e3 * t, 2)]).ravel().tolist()
+    return rows
 
 
-def _square(semi_axes: Array) -> Array:
-    """Semi-axes (3, m) as the columns of a (3, 3) matrix; those that are missing are zero."""
-    return np.hstack([semi_axes, np.zeros((3, 3 - semi_axes.shape[1]))])
+def _mm(points: Array) -> Json:
+    """Points [m] in mm, to 0.1 mm."""
+    found: Json = (1e3 * points).round(1).tolist()
+    return found

@@ -11,10 +11,10 @@ import numpy as np
 from posture_opt.model.arm import Arm
 from posture_opt.numerics import Array
 from posture_opt.report.scene.arm_geometry import TargetGeometry
-from posture_opt.report.scene.arm_view import ArmView, Mark, ShownPosture
+from posture_opt.report.scene.arm_view import ArmView, ShownPosture
 from posture_opt.report.text.words import PARTS
-from posture_opt.robot.shape import BASE, TOOL
-from posture_opt.statements.notation import length, length_unit, place
+from posture_opt.robot.robot import BASE, TOOL
+from posture_opt.statements.notation import length, place
 from posture_opt.uncertainty.spread.budget import Share
 from posture_opt.uncertainty.spread.spread import propagate, relative_spread
 from posture_opt.units import ERROR_UNITS, plus_minus
@@ -52,16 +52,13 @@ def shares_by_owner(shares: Sequence[Share], arm: Arm) -> tuple[tuple[str, float
 
 def solution_postures(solutions: Sequence[Solution], names: Sequence[str], stem: str) -> tuple[ShownPosture, ...]:
     """The postures of some solutions, with tool point, spread, target and shares of the joints."""
-    return tuple(
-        _posture_of(f"{stem}-{k}", name, one) for k, (name, one) in enumerate(zip(names, solutions, strict=True), 1)
-    )
-
-
-def _posture_of(key: str, name: str, one: Solution) -> ShownPosture:
-    sigma = length(one.critical.sigma_max)
-    facts = ((f"σ {PARTS[one.critical.within]}", sigma), ("Tool point", place(one.spread.position)))
-    shares = shares_by_owner(one.budget, one.optimisation_problem.arm)
-    return ShownPosture(key, f"{name}: {sigma}", one.q, facts, one.spread, TargetGeometry.of(one.target), shares)
+    found = []
+    for k, (name, one) in enumerate(zip(names, solutions, strict=True), 1):
+        sigma = length(one.critical.sigma_max)
+        facts = ((f"σ {PARTS[one.critical.within]}", sigma), ("Tool point", place(one.spread.position)))
+        shares, target = shares_by_owner(one.budget, one.optimisation_problem.arm), TargetGeometry.of(one.target)
+        found.append(ShownPosture(f"{stem}-{k}", f"{name}: {sigma}", one.q, facts, one.spread, target, shares))
+    return tuple(found)
 
 
 def spread_view(found: Spread) -> ArmView:
@@ -74,9 +71,8 @@ def spread_view(found: Spread) -> ArmView:
     target = None if seen is None else TargetGeometry("anywhere", found.position, found.position, seen.direction, None)
     budget = found.budget if seen is None else seen.budget
     arm = found.tool_point.arm
-    posture = ShownPosture(
-        "posture", "posture", np.array(found.q), tuple(facts), found, target, shares_by_owner(budget, arm)
-    )
+    shares = shares_by_owner(budget, arm)
+    posture = ShownPosture("posture", "posture", np.array(found.q), tuple(facts), found, target, shares)
     return ArmView(arm.robot, (posture,), "Posture", getattr(found.problem, "scene", None))
 
 
@@ -86,30 +82,22 @@ def target_key(point: MapPoint) -> str:
 
 
 def target_view(found: TargetMap, sizes: Sequence[float], what: str) -> ArmView | None:
-    """The postures coloured by ``sizes`` (N,) [m], of which ``what`` says what they are; None where no target has
-    one."""
-    unit, factor = length_unit([size for size in sizes if size == size])
-    postures = [
-        ShownPosture(
-            target_key(point),
-            f"{place(point.position)}: {length(size)}",
-            point.q,
-            ((what.capitalize(), length(size)), ("Target", place(point.position))),
-            relative_spread(found.problem, point.q, found.target.lever),
-            TargetGeometry.of(replace(found.target, lower=point.position, upper=point.position)),
-            value=round(factor * size, 5),
-        )
-        for point, size in zip(found.map_points, sizes, strict=True)
-        if point.feasible
-    ]
+    """The postures coloured by ``sizes`` (N,) [m], of which ``what`` says what they are, the one with the smallest size
+    first; None where no target has one."""
+    postures = []
+    for point, size in zip(found.map_points, sizes, strict=True):
+        if point.feasible:
+            at, long = place(point.position), length(size)
+            facts = ((what.capitalize(), long), ("Target", at))
+            spread = relative_spread(found.problem, point.q, found.target.lever)
+            target = TargetGeometry.of(replace(found.target, lower=point.position, upper=point.position))
+            shown = ShownPosture(target_key(point), f"{at}: {long}", point.q, facts, spread, target)
+            postures.append((shown, float(size)))
     if not postures:
         return None
-    known = [size for point, size in zip(found.map_points, sizes, strict=True) if point.feasible]
-    best = known.index(min(known))  # as the first sentence of the report has it, not by rounded values
-    ordered = (postures[best], *postures[:best], *postures[best + 1 :])
-    scene = getattr(found.problem, "scene", None)
-    robot = found.optimisation_problem.robot
-    return ArmView(robot, ordered, "Target", scene, points=True, values=f"{what} [{unit}]")
+    best = min(postures, key=lambda posture: posture[1])  # by the sizes of the report, not by rounded ones
+    ordered = [best, *(posture for posture in postures if posture is not best)]
+    return ArmView.coloured(found.problem, "Target", ordered, what)
 
 
 def task_posture(problem: ProblemData, comparison: Comparison | None, measured: Array) -> tuple[Array, Spread | None]:
@@ -123,9 +111,9 @@ def task_posture(problem: ProblemData, comparison: Comparison | None, measured: 
     return q, propagate(problem, q) if known else None
 
 
-def correction_marks(found: Calibration, problem: ProblemData) -> tuple[Mark, ...]:
+def correction_marks(found: Calibration, problem: ProblemData) -> tuple[tuple[str, str], ...]:
     """The most significant correction of each joint, where it exceeds three standard errors."""
-    marks: dict[str, Mark] = {}
+    marks: dict[str, str] = {}
     z = np.nan_to_num(np.abs(found.z))
     for k in np.argsort(-z):
         parameter = found.parameters[k]
@@ -133,11 +121,11 @@ def correction_marks(found: Calibration, problem: ProblemData) -> tuple[Mark, ..
         # Corrections below three standard errors are not marked.
         if owner and owner not in marks and z[k] > 3.0 and found.fixed[k]:
             size = plus_minus(float(found.x[k]), float(found.std[k]), *ERROR_UNITS[parameter.unit])
-            marks[owner] = Mark(owner, f"{parameter.name}\n{'+' if found.x[k] > 0 else ''}{size}")
-    return tuple(marks.values())[:5]
+            marks[owner] = f"{parameter.name}\n{'+' if found.x[k] > 0 else ''}{size}"
+    return tuple(marks.items())[:5]
 
 
-def cause_marks(found: Diagnosis, finding: Finding) -> tuple[Mark, ...]:
+def cause_marks(found: Diagnosis, finding: Finding) -> tuple[tuple[str, str], ...]:
     """A cause at its joint, at the base or the tool; of all geometry together, the most significant corrections."""
     problem = found.extended
     cause, owners = finding.cause, (*problem.robot.joint_names, BASE, TOOL)
@@ -145,6 +133,6 @@ def cause_marks(found: Diagnosis, finding: Finding) -> tuple[Mark, ...]:
     owner = next((name for name in named if name in owners), "")
     size = finding.size_text
     if owner:
-        return (Mark(owner, f"{finding.label}\n{size}" if size else finding.label),)
+        return ((owner, f"{finding.label}\n{size}" if size else finding.label),)
     geometric = finding.effect is None and finding.noise is None
     return correction_marks(found.calibration, problem) if geometric else ()

@@ -192,14 +192,18 @@ def picture_of(
         above = lit[row, column] > sunlight.project(world)[:, 2] + 1e-3 * extent
         return np.where(above, _SHADOW, 1.0)
 
-    ground, step = _ground_depth(camera, axes, offset, (rows, columns)), round_below(extent / 5)
+    (right, up), (a, b, c) = _screen(camera, (rows, columns)), camera.axes @ np.cross(*axes)
+    step = round_below(extent / 5)
+    ground = (offset - right * a - up * b) / c  # it goes on without end
     everywhere = np.ones(ground.shape, dtype=bool)
     place = _world(camera, ground, everywhere) @ axes.T / step
     lines = np.any(np.abs(place - np.round(place)) * step < _GRID_HALF_WIDTH * extent, axis=1)
     bright = np.where(lines, _GRID_LINE, 1.0) * shade(ground, everywhere)
     colour = (bright[:, None] * _rgb(COLOURS["floor"])).reshape(rows, columns, 3)
     blocks = replace(blocks, owner=np.where(blocks.depth > ground - 1e-6, blocks.owner, -1))
-    veil = np.where(_topped(blocks, camera), 0.0, _OPACITY["veiled arm"])
+    # What is behind the upper side of an obstacle, up to a slope with the cosine 0.95, is in it or under it.
+    upwards = np.abs(blocks.normals @ camera.axes[:, 2]) > 0.95 * np.linalg.norm(blocks.normals, axis=2)
+    veil = np.where(upwards & blocks.there, 0.0, _OPACITY["veiled arm"])
     behind = (region.depth < arm.depth) & (not geometry.planar)
     jump = _MIN_DEPTH_JUMP * extent
     faint.lay_over(colour, _OPACITY["ghost"], jump)
@@ -260,23 +264,7 @@ def _world(camera: Camera, depth: Array, there: Mask) -> Array:
     """(k, 3) where some points (H, W) of a picture are, given their depths (H, W), world [m]."""
     right, up = _screen(camera, depth.shape)
     row, column = np.nonzero(there)
-    world: Array = np.column_stack([right[column], up[row, 0], depth[there]]) @ camera.axes
-    return world
-
-
-def _ground_depth(camera: Camera, axes: Array, offset: float, shape: tuple[int, int]) -> Array:
-    """(H, W) the depth of the ground, which goes on without end [m]."""
-    right, up = _screen(camera, shape)
-    a, b, c = camera.axes @ np.cross(*axes)
-    depth: Array = (offset - right * a - up * b) / c
-    return depth
-
-
-def _topped(blocks: Layer, camera: Camera) -> Mask:
-    """(H, W) where the upper side of an obstacle is seen: what is behind it is in it or under it."""
-    upwards = np.abs(blocks.normals @ camera.axes[:, 2])
-    # Up to a slope with the cosine 0.95, a face is the top of something.
-    return np.asarray(upwards > 0.95 * np.linalg.norm(blocks.normals, axis=2)) & blocks.there
+    return np.asarray(np.column_stack([right[column], up[row, 0], depth[there]]) @ camera.axes)
 
 
 def _covered(corners: Array, shape: tuple[int, int]) -> Iterator[tuple[Codes, Array, Codes, Array]]:

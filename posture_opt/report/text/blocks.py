@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import overload
+from typing import Any
 
 from posture_opt.statements import SEVERITIES, Statement, by_severity
 
@@ -55,17 +55,12 @@ def lines_of(statements: Iterable[Statement]) -> tuple[Line, ...]:
 
 def written(lines: Sequence[Line], width: int) -> list[str]:
     """Lines as text: labels in a column of their own, sentences without a label as wide as all."""
-    column = max((len(label) for label, _ in lines), default=0) + 2
-    return [
-        textwrap.fill(
-            text,
-            width,
-            initial_indent=f"{label:<{column}}" if label else "",
-            subsequent_indent=" " * column if label else "",
-            break_on_hyphens=False,
-        )
-        for label, text in lines
-    ]
+    column, found = max((len(label) for label, _ in lines), default=0) + 2, []
+    for label, text in lines:
+        first, others = (f"{label:<{column}}", " " * column) if label else ("", "")
+        wrapped = textwrap.fill(text, width, initial_indent=first, subsequent_indent=others, break_on_hyphens=False)
+        found.append(wrapped)
+    return found
 
 
 @dataclass(frozen=True)
@@ -130,7 +125,7 @@ def _as_items(statements: Sequence[Statement]) -> tuple[Item, ...]:
 
 
 class Later(Sequence[Item]):
-    """Items that are made when they are first read: a report of one screen leaves out some that take long."""
+    """Items that are ``made`` when they are first read: a report of one screen leaves out some that take long."""
 
     def __init__(self, made: Callable[[], Sequence[Item]]) -> None:
         self._made = made
@@ -139,18 +134,11 @@ class Later(Sequence[Item]):
     def _items(self) -> tuple[Item, ...]:
         return tuple(self._made())
 
-    @overload
-    def __getitem__(self, place: int) -> Item: ...
-    @overload
-    def __getitem__(self, place: slice) -> tuple[Item, ...]: ...
-    def __getitem__(self, place: int | slice) -> Item | tuple[Item, ...]:
+    def __getitem__(self, place: Any) -> Any:
         return self._items[place]
 
     def __len__(self) -> int:
         return len(self._items)
-
-    def __iter__(self) -> Iterator[Item]:
-        return iter(self._items)
 
 
 @dataclass(frozen=True)

@@ -5,9 +5,10 @@ from __future__ import annotations
 import shutil
 import textwrap
 from collections.abc import Iterable, Sequence
+from functools import partial
 from itertools import zip_longest
 
-from posture_opt.report.text.blocks import WIDTH, Block, Document, Facts, Item, Summary, Table, written
+from posture_opt.report.text.blocks import WIDTH, Block, Document, Facts, Summary, Table, written
 
 NARROWEST, WIDEST = 60, 140
 
@@ -35,7 +36,12 @@ def paragraph(text: str, width: int = WIDTH) -> str:
 
 
 def _block(block: Block, width: int) -> str:
-    texts = [_item(item, width) for item in block.items]
+    texts = [
+        paragraph(item, width) if isinstance(item, str)
+        else _facts(item, width) if isinstance(item, Facts)
+        else fitted_table(item, width)
+        for item in block.items
+    ]  # fmt: skip
     # Sentences and facts follow each other, a table keeps a blank line on both sides.
     body = texts[0] if texts else ""
     for before, item, text in zip(block.items, block.items[1:], texts[1:], strict=False):
@@ -45,12 +51,6 @@ def _block(block: Block, width: int) -> str:
         return body
     title = textwrap.wrap(block.title, width)
     return "\n".join([*title, "-" * max(map(len, title)), body])
-
-
-def _item(item: Item, width: int) -> str:
-    if isinstance(item, str):
-        return paragraph(item, width)
-    return _facts(item, width) if isinstance(item, Facts) else fitted_table(item, width)
 
 
 def _facts(facts: Facts, width: int) -> str:
@@ -76,7 +76,9 @@ def fitted_table(table: Table, width: int) -> str:
         return grid
     wrapped = _grid(table, width)
     # Cells that wrap into more than four lines are hard to read.
-    if _width(wrapped) <= width and _tallest(table, width) <= 4:
+    rows = _wrapped_rows([table.headers, *table.rows], width)[1:]
+    tallest = max((len(lines) for cells in rows for lines in cells), default=1)
+    if _width(wrapped) <= width and tallest <= 4:
         return wrapped
     turned = _grid(table.transposed())
     if _width(turned) <= width:
@@ -110,14 +112,14 @@ def _width(text: str) -> int:
     return max(map(len, text.splitlines()), default=0)
 
 
-def _tallest(table: Table, width: int) -> int:
-    rows = _wrapped_rows([table.headers, *table.rows], width)[1:]
-    return max((len(lines) for cells in rows for lines in cells), default=1)
-
-
 def _wrapped_rows(table: Sequence[Sequence[str]], width: int | None) -> list[list[list[str]]]:
+    """The lines of every cell, cut between words."""
     bounds = _bounds(list(zip(*table, strict=True)), width)
-    return [[_wrapped(cell, bound) for cell, bound in zip(cells, bounds, strict=True)] for cells in table]
+    wrap = partial(textwrap.wrap, break_long_words=False, break_on_hyphens=False)
+    return [
+        [[cell] if len(cell) <= size else wrap(cell, size) or [""] for cell, size in row]
+        for row in (list(zip(cells, bounds, strict=True)) for cells in table)
+    ]
 
 
 def _groups(table: Table, width: int) -> list[Table]:
@@ -147,12 +149,6 @@ def _bounds(columns: Sequence[Sequence[str]], width: int | None) -> list[int]:
         if sum(bounds) <= left:
             break
     return bounds
-
-
-def _wrapped(cell: str, size: int) -> list[str]:
-    if len(cell) <= size:
-        return [cell]
-    return textwrap.wrap(cell, size, break_long_words=False, break_on_hyphens=False) or [""]
 
 
 def _row(cells: Sequence[Sequence[str]], widths: Sequence[int], text_columns: int) -> str:

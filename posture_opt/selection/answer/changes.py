@@ -19,8 +19,16 @@ from posture_opt.numerics import Array
 from posture_opt.selection.program.nlp import Row
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem, bound_terms
 from posture_opt.selection.program.task_target import TaskTarget
-from posture_opt.selection.search.elastic_problem import AXIS, HELD, LIMITS, TARGET, Compromise, ElasticProblem
-from posture_opt.selection.search.giving_scene import CLEARANCE, gives_enough
+from posture_opt.selection.search.elastic_problem import (
+    AXIS,
+    CLEARANCE,
+    HELD,
+    LIMITS,
+    TARGET,
+    Compromise,
+    ElasticProblem,
+    gives_enough,
+)
 from posture_opt.selection.search.relaxation import (
     VISIBLE_EXCESS,
     YAW,
@@ -38,14 +46,14 @@ from posture_opt.selection.tasks import Task
 
 
 class Attempt(NamedTuple):
-    """How a change is written: what is given beyond the least, as a share of it, and more digits than usual."""
+    """Share given beyond the least, and digits more than usual, of a written change."""
 
     more: float
     digits: int = 0
 
 
+# In this order; the last ones are for what has one value that does, or must lie in a plane: rounding leaves both.
 ATTEMPTS = (Attempt(0.0), Attempt(0.003), Attempt(0.02), Attempt(0.0, 4), Attempt(0.003, 3))
-"""In this order; the last ones are for what has one value that does, or must lie in a plane: rounding leaves both."""
 PLANE_DECIMALS = 1, 4, 7  # of a move in mm onto the plane of an arm
 
 
@@ -61,7 +69,7 @@ class Changes:
     attempt: Attempt
 
     def of(self, names: Sequence[str]) -> tuple[Change, ...]:
-        """What to change of the requirements ``names``; none where one of them has no key that would do."""
+        """Changes for the requirements ``names``; empty if one has no key for it."""
         found: list[Change] = []
         for name in names:
             changes = self._of_one(name)

@@ -19,11 +19,9 @@ from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.program.task_target import Reach, TaskTarget
 from posture_opt.selection.search.engine import STEPS, Engine
 from posture_opt.selection.search.search_outcome import is_clear
-from posture_opt.uncertainty.sources.sources import Sources
-from posture_opt.uncertainty.sources.workpiece import stated_name
+from posture_opt.uncertainty.sources.sources import Sources, stated_name
 
-MIN_GAIN = 0.005
-"""A smaller relative gain is none."""
+MIN_GAIN = 0.005  # a smaller relative gain is none
 
 
 @dataclass(frozen=True)

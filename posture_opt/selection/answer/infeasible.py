@@ -1,9 +1,8 @@
 """Why nothing is feasible, and what would help: which requirement is in the way, and by how little it must give.
 
-Only asked when restarts of the search found nothing. Each requirement gives alone, as little as it can, while all the
-others are met; where none suffices alone, terms and obstacles give together, and then everything. The reason that is
-reported is the most particular one: a term or an obstacle before a limit, a limit before the tool axis, the target
-last.
+Each requirement gives alone, as little as it can, while all the others are met; where none suffices alone, terms and
+obstacles give together, then everything. The reason that is reported is the most particular one. For several stations
+a change is sought at every one that fails, and the loosest value that any needs is solved first, then offered.
 """
 
 from __future__ import annotations
@@ -16,14 +15,13 @@ import numpy as np
 
 from posture_opt.numerics import Array
 from posture_opt.robot.posture import Posture
-from posture_opt.selection.answer.changes import ATTEMPTS, PLANE_DECIMALS, Changes, onto_plane
+from posture_opt.selection.answer.changes import ATTEMPTS, PLANE_DECIMALS, Attempt, Changes, onto_plane
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.program.task_target import TaskTarget
-from posture_opt.selection.search.elastic_problem import AXIS, LIMITS, TARGET, Compromise, ElasticProblem
+from posture_opt.selection.search.elastic_problem import AXIS, CLEARANCE, LIMITS, TARGET, Compromise, ElasticProblem
 from posture_opt.selection.search.engine import CandidatePosture, Engine
-from posture_opt.selection.search.giving_scene import CLEARANCE
 from posture_opt.selection.search.inverse_kinematics import InverseKinematics, unlimited
 from posture_opt.selection.search.multistart import MultistartResult
 from posture_opt.selection.search.relaxation import Change, Reason, Reasons, Relaxation, plane_reason
@@ -32,14 +30,12 @@ from posture_opt.statements import Statement
 
 _POOL_POSTURES = 200  # random postures that are led towards the target: so many that of a reachable one some arrive
 _STARTS_NEAR_KNOWN = 3  # beside postures that are near already
-SEARCH = "search"
-"""Name of the reason where nothing is known but that the search found nothing."""
+SEARCH = "search"  # name of the reason where nothing is known but that the search found nothing
 MAX_OFFERED = 4  # changes that are offered: each is solved first
 
+# Whether the problem with some changes has a solution; near the posture (n,) that they were read from, it should.
 Does = Callable[[Sequence[Change], Array], bool]
-"""Whether the problem with some changes has a solution; near the posture (n,) that they were read from, it should."""
-Way = tuple[tuple[str, ...], Compromise]
-"""Requirements that suffice when they give, and how."""
+Way = tuple[tuple[str, ...], Compromise]  # requirements that suffice when they give, and how
 
 
 @dataclass(frozen=True)
@@ -78,22 +74,11 @@ def not_met_together(engine: Engine, found: MultistartResult, nearest: Candidate
 def infeasible(
     problem: ProblemData, engine: Engine, found: MultistartResult, why: Explanation, seconds: float
 ) -> Solution:
-    counts = (found.arrived, found.tried, found.polished, 0, 0, 0)
-    statistics = SearchStatistics(*counts, found.sampled, None, float("nan"), found.batches, 0, seconds)
-    asked, target = engine.optimisation_problem, found.target
+    counts = found.arrived, found.tried, found.polished
+    statistics = SearchStatistics(*counts, found.sampled, seconds, batches=found.batches)
+    asked, target, none = engine.optimisation_problem, found.target, np.zeros((0, len(why.q)))
     notes: tuple[str | Statement, ...] = (*problem.notes, asked.axis_note(target))
-    return Solution(
-        problem,
-        asked,
-        target,
-        "infeasible",
-        why.q,
-        statistics,
-        np.zeros((0, len(why.q))),
-        notes,
-        why.reasons,
-        why.relaxations,
-    )
+    return Solution(problem, asked, target, "infeasible", why.q, statistics, none, notes, why.reasons, why.relaxations)
 
 
 @dataclass(frozen=True)
@@ -161,7 +146,7 @@ class Infeasibility:
         return Explanation(nearest.q, reasons, tuple(offered))
 
     def reasons(self, names: Sequence[str], way: Compromise) -> tuple[Reason, ...]:
-        """What is missed until the requirements ``names`` give."""
+        """Requirements missed until ``names`` give."""
         rows = [name for name in names if name in (TARGET, AXIS, LIMITS, *self.elastic.further)]
         if not rows:  # the clearance of the cell gives: what is nearer than that
             lacking = self.elastic.lacking(way.q[None], self.target.parameters)[0]
@@ -170,7 +155,7 @@ class Infeasibility:
         return Reasons(self.problem, self.elastic, self.target, way).of(rows)
 
     def relaxation(self, names: Sequence[str], way: Compromise, ways: Sequence[Way], does: Does) -> Relaxation | None:
-        """The change that a way shows, with the first digits that do; None where none does."""
+        """The change that a way shows, with the first digits that solve the problem, or None."""
         assert self.asked is not None
         assert self.asked.task is not None
         task = self.asked.task
@@ -324,7 +309,7 @@ class Infeasibility:
 
 
 def specific(names: Sequence[str]) -> int:
-    """How much of a choice the engineer has who stated these requirements: the target is what it is all about."""
+    """Rank of the engineer's choice in requirements: terms and obstacles, limits, tool axis, then the target."""
     order = (TARGET, AXIS, LIMITS)
     return min(order.index(name) if name in order else len(order) for name in names)
 
@@ -332,7 +317,7 @@ def specific(names: Sequence[str]) -> int:
 def first_that_does(
     written: Iterable[tuple[Change, ...]], does: Callable[[Sequence[Change]], bool]
 ) -> tuple[Change, ...] | None:
-    """The first of some changes with which the problem is solved; None where none does, or nothing would change."""
+    """The first changes that solve the problem, or None."""
     tried: list[tuple[Change, ...]] = []
     for changes in written:
         if not changes:
@@ -355,3 +340,103 @@ def limited(does: Does) -> Does:
 
 def words_of(changes: Sequence[Change]) -> str:
     return " and ".join(dict.fromkeys(change.words for change in changes))
+
+
+@dataclass(frozen=True)
+class _SharedWay:
+    """Requirements that give at every station that fails, with the compromise of each; ``worst`` is the costliest."""
+
+    names: tuple[str, ...]
+    ways: tuple[Compromise, ...]
+
+    @property
+    def worst(self) -> int:
+        return int(np.argmax([way.cost for way in self.ways]))
+
+    @property
+    def cost(self) -> float:
+        return max(way.cost for way in self.ways)
+
+
+def explain_stations(inquiry: Infeasibility, targets: Sequence[TaskTarget], names: Sequence[str]) -> Explanation:
+    """The reasons at the station that lacks most, and changes that do for all; ``targets`` are those that fail."""
+    reach = inquiry.problem.reach
+    outside = [
+        (reason, name) for target, name in zip(targets, names, strict=True) if (reason := plane_reason(reach, target))
+    ]
+    if outside:
+        reason, name = max(outside, key=lambda pair: pair[0].amount)
+        return Explanation(inquiry.nearest, (replace(reason, message=f"{name}: {reason.message}"),))
+    # At most 40, spread evenly
+    chosen = np.unique(np.linspace(0, len(targets) - 1, min(40, len(targets))).round().astype(int)).tolist()
+    targets, names = [targets[k] for k in chosen], [names[k] for k in chosen]
+    start = min(range(len(targets)), key=lambda k: float(np.linalg.norm(targets[k].lower - inquiry.target.lower)))
+    ways = [_shared(inquiry, own, targets, start) for own in inquiry.ways() if not own[1].met]
+    shared = [way for way in ways if way is not None]
+    if not shared:
+        return Explanation(inquiry.nearest)
+    cell = inquiry.elastic.cell
+    changing = [way for way in shared if not {*way.names} & {TARGET, *cell.movable}]
+    own = [way for way in shared if not {*way.names} & {*cell.movable}] or shared
+    chief = max(own, key=lambda way: (specific(way.names), -way.cost))
+    reasons = _reasons(inquiry, chief, targets, names)
+    offered: list[Relaxation] = []
+    inquiry = replace(inquiry, does=limited(inquiry.does))
+    for way in sorted(changing, key=lambda way: way.cost):
+        if len(offered) < MAX_OFFERED and (found := _relaxation(inquiry, way, targets, names)) is not None:
+            offered.append(found)
+    return Explanation(chief.ways[chief.worst].q, reasons, tuple(offered))
+
+
+def _shared(
+    inquiry: Infeasibility, own: tuple[tuple[str, ...], Compromise], targets: Sequence[TaskTarget], start: int
+) -> _SharedWay | None:
+    """The least that these requirements must give at every station, from ``start`` outwards, or None."""
+    names, first = own
+    found: dict[int, Compromise] = {}
+    for order in (range(start, len(targets)), range(start - 1, -1, -1)):
+        near = first
+        for k in order:
+            starts = np.array([near.q, first.q, *inquiry.postures_near(targets[k])])
+            way = inquiry.elastic.least(targets[k].parameters, names, starts)
+            if way is None:
+                return None
+            found[k] = near = way
+    return _SharedWay(names, tuple(found[k] for k in range(len(targets))))
+
+
+def _reasons(
+    inquiry: Infeasibility, way: _SharedWay, targets: Sequence[TaskTarget], names: Sequence[str]
+) -> tuple[Reason, ...]:
+    worst = way.worst
+    at = replace(inquiry, found=replace(inquiry.found, target=targets[worst]))
+    found = at.reasons(way.names, way.ways[worst])
+    return tuple(replace(reason, message=f"{names[worst]}: {reason.message}") for reason in found)
+
+
+def _relaxation(
+    inquiry: Infeasibility, way: _SharedWay, targets: Sequence[TaskTarget], names: Sequence[str]
+) -> Relaxation | None:
+    written = (_changes(inquiry, way, targets, attempt) for attempt in ATTEMPTS if not attempt.digits)
+    changes = first_that_does(written, lambda changes: inquiry.does(changes, way.ways[way.worst].q))
+    if changes is None:
+        return None
+    reasons, posture = _reasons(inquiry, way, targets, names), Posture(inquiry.problem.robot, way.ways[way.worst].q)
+    return Relaxation(words_of(changes), reasons, posture, way.cost, changes)
+
+
+def _changes(
+    inquiry: Infeasibility, way: _SharedWay, targets: Sequence[TaskTarget], attempt: Attempt
+) -> tuple[Change, ...]:
+    assert inquiry.asked is not None
+    assert inquiry.asked.task is not None
+    task, loosest = inquiry.asked.task, dict[str, Change]()
+    for target, one in zip(targets, way.ways, strict=True):
+        given = [name for name in way.names if one.lacking[name] > 0]
+        changes = Changes(inquiry.problem, task, inquiry.elastic, target, one, attempt).of(given)
+        if given and not changes:
+            return ()
+        for change in changes:
+            before = loosest.get(change.path)
+            loosest[change.path] = change if before is None else before.with_room_for(change)
+    return tuple(loosest.values())

@@ -91,8 +91,7 @@ class _Axes:
         return _dot(np.cross(self.z[i], self.z[k]), self.z[j])
 
 
-Names = tuple[list[str], ...]
-"""Of each posture a name for each sign."""
+Names = tuple[list[str], ...]  # of each posture a name for each sign
 
 
 def _dot(u: Array, v: Array) -> Array:
@@ -240,6 +239,6 @@ def most_manipulable(
 
 
 def _met(nlp: Any, target: TaskTarget, found: Sequence[Array]) -> list[Array]:
-    """Those of some postures (n,) that meet every row."""
+    """Postures (n,) that meet every row."""
     screen = BatchFunction(nlp.screen, compiled=False)
     return [q for q in found if np.all(np.isfinite(q)) and screen(q[None], target.parameters)[1][0, 0] <= ROW_TOLERANCE]

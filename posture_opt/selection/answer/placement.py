@@ -1,8 +1,10 @@
-"""Where a workpiece may stand, where it was put, and how the objectives of its stations become one."""
+"""Stations of one workpiece: where it may stand and stands, how objectives become one, in which order to visit."""
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,6 +12,7 @@ import casadi as ca
 import numpy as np
 
 from posture_opt.numerics import TURN, Array, Mask, finite_or_none
+from posture_opt.robot.robot import Robot
 from posture_opt.selection.tasks.workpiece import Combine, Workpiece
 from posture_opt.statements import Quantity
 
@@ -28,7 +31,7 @@ class PlacementRange:
 
     @classmethod
     def of(cls, workpiece: Workpiece | None) -> PlacementRange:
-        """What a task says of its workpiece; its frame is the world's where it says nothing."""
+        """The range of a task's workpiece; its frame is the world's by default."""
         stated = workpiece or Workpiece()
         return cls(np.array(stated.lower), np.array(stated.upper))
 
@@ -49,7 +52,7 @@ class PlacementRange:
 
     @property
     def without_seam(self) -> PlacementRange:
-        """The same box for a local search: half a turn more to either side where the yaw goes all round."""
+        """The box for a local search: half a turn more on either side of a full yaw."""
         if not self.all_round:
             return self
         more = np.array([0.0, 0.0, 0.0, TURN / 2])
@@ -141,7 +144,7 @@ class Placement(PlacementRange):
         return {} if self.statistics is None else vars(self.statistics)
 
     def bench(self, postures: Array) -> Any:
-        """A map of the spread over the placement, from the postures (K, n) of an answer; None where none is made."""
+        """A map of the spread over the placement, from postures (K, n), or None."""
         return None
 
     def to_json(self) -> dict[str, Any]:
@@ -181,7 +184,7 @@ def combined_success(success: ca.MX, extra: ca.MX) -> ca.MX:
 
 
 def combined_numbers(combine: Combine, main: Array, extra: Array) -> Array:
-    """(M,) the same of numbers (M, K), where the first terms are infinite if a station cannot be done."""
+    """(M,) objectives of numbers (M, K); first terms are infinite at a station without a posture."""
     with np.errstate(divide="ignore", invalid="ignore"):
         if combine == "worst":
             return np.asarray((main + extra).max(axis=1))
@@ -193,5 +196,132 @@ def combined_numbers(combine: Combine, main: Array, extra: Array) -> Array:
 
 
 def combined_sigma(combine: Combine, sigma: Array) -> Array:
-    """(...) the standard deviation [m] that an answer is stated by, of those of its stations (..., K)."""
+    """(...) stated standard deviation [m] of stations (..., K)."""
     return np.asarray(sigma.mean(axis=-1) if combine == "mean" else sigma.max(axis=-1))
+
+
+_MAX_EXACT_POSTURES = 12  # postures: 2^12 x 12 states of the dynamic program take half a second
+_TRAVEL_TOLERANCE = 1e-3  # of the travel: less is not worth another order
+
+
+@dataclass(frozen=True)
+class VisitingOrder:
+    """An open tour over postures; travel is the sum of the largest joint changes [rad; m for slides alone]."""
+
+    order: tuple[int, ...]
+    travel: float
+    as_listed: float  # travel in the order of the list
+    exact: bool  # no order is better
+
+
+def moves(robot: Robot, Q: Array) -> Array:
+    """(K, K) largest change of a joint between postures (K, n); slides are left out where other joints turn."""
+    turns = _turning(robot)
+    counted = Q[:, turns] if turns.any() else Q
+    return np.asarray(np.abs(counted[:, None] - counted[None]).max(axis=2))
+
+
+def best_order(robot: Robot, Q: Array) -> VisitingOrder:
+    """The open tour of least travel: by dynamic programming (Held and Karp 1962) up to 12 postures, else by 2-opt."""
+    D = moves(robot, Q)
+    listed = list(range(len(Q)))
+    order = (
+        _held_karp(D)
+        if len(Q) <= _MAX_EXACT_POSTURES
+        else min((_improved_tour(D, _nearest_first(D, first)) for first in range(len(D))), key=lambda o: _length(D, o))
+    )
+    # As listed where that is as good: nobody likes to visit in another order for nothing.
+    if _length(D, order) >= (1 - _TRAVEL_TOLERANCE) * _length(D, listed):
+        order = listed
+    elif order[0] > order[-1]:
+        order = order[::-1]
+    return VisitingOrder(tuple(order), _length(D, order), _length(D, listed), len(Q) <= _MAX_EXACT_POSTURES)
+
+
+def nearest_turns(robot: Robot, Q: Array, order: Sequence[int]) -> Array:
+    """Postures (K, n) turned by whole turns within their limits, near the one visited before."""
+    near = np.array(Q)
+    turning = _turning(robot)
+    for before, k in itertools.pairwise(order):
+        wanted = np.rint((near[before] - near[k]) / TURN)
+        least = np.ceil((robot.lower - near[k]) / TURN - 1e-9)
+        most = np.floor((robot.upper - near[k]) / TURN + 1e-9)
+        turns = np.where(turning & (least <= most), np.clip(wanted, least, most), 0.0)
+        near[k] = np.clip(near[k] + turns * TURN, robot.lower, robot.upper)
+    return near
+
+
+def nearest_ties(robot: Robot, options: Sequence[Array]) -> list[int]:
+    """Of each posture's equals (A_k, n) the one with which the tour is short; whole turns count as none."""
+    firsts = [0] * len(options)
+    best, shortest = firsts, _short_tour(robot, options, firsts)
+    for anchors in options:
+        for anchor in anchors:
+            chosen = [int(np.argmin(np.round(_apart(robot, each, anchor), 6))) for each in options]
+            length = _short_tour(robot, options, chosen)
+            if length < (1 - _TRAVEL_TOLERANCE) * shortest:
+                best, shortest = chosen, length
+    return best
+
+
+def _short_tour(robot: Robot, options: Sequence[Array], chosen: Sequence[int]) -> float:
+    Q = np.array([each[k] for each, k in zip(options, chosen, strict=True)])
+    D = np.array([_apart(robot, Q, q) for q in Q])
+    return min(_length(D, _nearest_first(D, first)) for first in range(len(Q)))
+
+
+def _apart(robot: Robot, Q: Array, q: Array) -> Array:
+    """(A,) largest difference of a joint between postures (A, n) and one (n,), whole turns taken off."""
+    turns, away = _turning(robot), Q - q
+    away = np.where(turns, away - TURN * np.rint(away / TURN), away)
+    return np.asarray(np.abs(away[:, turns] if turns.any() else away).max(axis=1))
+
+
+def _turning(robot: Robot) -> Mask:
+    return np.array([joint.type == "revolute" for joint in robot.joints])
+
+
+def _length(D: Array, order: Sequence[int]) -> float:
+    return float(sum(D[a, b] for a, b in itertools.pairwise(order)))
+
+
+def _held_karp(D: Array) -> list[int]:
+    """Dynamic programming over subsets, O(2^K K²): M. Held and R. M. Karp, J. SIAM 10 (1962) 196."""
+    K = len(D)
+    cost = np.full((1 << K, K), np.inf)
+    came = np.zeros((1 << K, K), dtype=int)
+    for k in range(K):
+        cost[1 << k, k] = 0.0
+    for visited in range(1, 1 << K):
+        for last in (k for k in range(K) if visited >> k & 1 and np.isfinite(cost[visited, k])):
+            reach = cost[visited, last] + D[last]
+            for following in (k for k in range(K) if not visited >> k & 1):
+                there = visited | 1 << following
+                if reach[following] < cost[there, following] - 1e-12:
+                    cost[there, following], came[there, following] = reach[following], last
+    visited, last = (1 << K) - 1, int(np.argmin(cost[-1]))
+    order = [last]
+    while visited & (visited - 1):
+        visited, last = visited & ~(1 << last), int(came[visited, last])
+        order.append(last)
+    return order[::-1]
+
+
+def _nearest_first(D: Array, first: int) -> list[int]:
+    order, left = [first], set(range(len(D))) - {first}
+    while left:
+        order.append(min(left, key=lambda k: (D[order[-1], k], k)))
+        left.remove(order[-1])
+    return order
+
+
+def _improved_tour(D: Array, order: list[int]) -> list[int]:
+    better = True
+    while better:
+        better = False
+        for i in range(len(order) - 1):
+            for j in range(i + 1, len(order)):
+                turned = [*order[:i], *order[i : j + 1][::-1], *order[j + 1 :]]
+                if _length(D, turned) < _length(D, order) - 1e-9:
+                    order, better = turned, True
+    return order

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import get_args
 
 import numpy as np
@@ -34,10 +34,19 @@ from posture_opt.selection.program.optimisation_problem import (
     with_held_joints,
 )
 from posture_opt.selection.program.task_target import PLANE_TOLERANCE, Reach, TaskTarget
-from posture_opt.selection.search.batches import screened_search, until_found_often, until_recurrence, usual_starts
 from posture_opt.selection.search.engine import CandidatePosture, Engine
 from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE, Aligner
-from posture_opt.selection.search.multistart import MultistartResult, distinct, multistart, rank
+from posture_opt.selection.search.multistart import (
+    MultistartResult,
+    as_good,
+    distinct,
+    multistart,
+    rank,
+    screened_search,
+    until_found_often,
+    until_recurrence,
+    usual_starts,
+)
 from posture_opt.selection.search.relaxation import Change, with_changes
 from posture_opt.selection.search.search_outcome import (
     SearchOutcome,
@@ -96,8 +105,7 @@ class PostureSelector:
         self.reach: Reach = Reach.of(arm, self.task.tool_axis)
         self.target: TaskTarget = TaskTarget.of(self.task, self.reach)
         self._aligner = Aligner(arm, self.task, self.reach, compiled, problem.arm)
-        self._engines: dict[tuple[str, Alignment, bool, bool], Engine] = {}
-        self._exact_engines: dict[tuple[str, Alignment, bool], Engine] = {}
+        self._engines: dict[tuple[str, Alignment, bool, bool, bool], Engine] = {}
         self.engine(self.target).optimisation_problem.check_axis(self.target)
 
     def engine(self, target: TaskTarget, guarded: bool | None = None) -> Engine:
@@ -108,17 +116,21 @@ class PostureSelector:
         """
         return self.engine_of_all([target], guarded)
 
-    def engine_of_all(self, targets: Sequence[TaskTarget], guarded: bool | None = None) -> Engine:
-        """The functions that solve every one of some targets of a kind: what one of them cannot have, none has."""
+    def engine_of_all(self, targets: Sequence[TaskTarget], guarded: bool | None = None, exact: bool = False) -> Engine:
+        """The functions that solve every one of some targets of a kind: what one of them cannot have, none has.
+
+        Args:
+            exact: whether exact distances in C take the place of rows.
+        """
         scene = self._problem.scene
         guarded = scene.explicit if guarded is None else guarded and scene.active
         in_plane = all(lies_in_plane(target.direction, self.reach.normal) for target in targets)
         alignments = [self._aligner.at(target) for target in targets]
         kind = targets[0].kind, max(alignments, key=get_args(Alignment).index), in_plane
-        key = *kind, guarded
+        key = *kind, guarded, exact
         if key not in self._engines:
             problem = OptimisationProblem(self.tool_point, self.task, self.reach, *kind, scene if guarded else None)
-            self._engines[key] = Engine(problem, self._problem.solver, self._compiled)
+            self._engines[key] = Engine(problem, self._problem.solver, self._compiled, exact)
         return self._engines[key]
 
     @interruptible()
@@ -184,11 +196,13 @@ class PostureSelector:
 
     def feasible(self, starts: int) -> bool:
         """Whether so many starts find a posture that does the task; why there is none is not asked."""
-        seed, target = self._problem.solver.seed, self.target
-        found = self._searched(
-            lambda engine: (until_found_often(engine, target, np.random.default_rng(seed), starts), None), target
-        )
-        return bool(found.feasible)
+
+        def seek(engine: Engine) -> tuple[MultistartResult, None]:
+            return until_found_often(
+                engine, self.target, np.random.default_rng(self._problem.solver.seed), starts
+            ), None
+
+        return bool(self._searched(seek, self.target).feasible)
 
     @interruptible()
     def solve_thoroughly(
@@ -234,11 +248,11 @@ class PostureSelector:
         ends = clear_ones(tuple(engine.polished(start, target) for start in starts), self._problem.scene)
         met = tuple(sorted((candidate for candidate in ends if candidate.feasible), key=rank))
         found = replace(outcome.found, found=(*met, *outcome.found.found))
-        return replace(outcome, engine=engine, found=found, by_starts=met) if met else None
+        return replace(outcome, engine=engine, found=found) if met else None
 
     @cached_property
     def _wider(self) -> PostureSelector | None:
-        """The selection of the problem's fallback; None where there is none, or where the mounting plane is kept."""
+        """The selection of the problem's fallback, or None; a kept mounting plane has none."""
         problem, kept = self._problem.fallback, self._keeps_mounting
         if problem is None or (kept and not self._problem.narrowed):
             return None
@@ -246,17 +260,16 @@ class PostureSelector:
 
     def _searched(self, seek: Seek, target: TaskTarget, exact: bool = False) -> SearchOutcome:
         free, scene = self.engine(target, guarded=False), self._problem.scene
-        if not (exact and self._has_exact(free)):
-            return searched(seek, free, lambda: self.engine(target, guarded=True), scene)
-        return searched(seek, free, lambda: self._exact_engine(target), self._slack)
+        exact = exact and self._has_exact(free)
+        guarded = partial(self.engine_of_all, [target], True, exact)
+        return searched(seek, free, guarded, self._slack if exact else scene)
 
     def clear_engine(self, target: TaskTarget) -> Engine:
         """The functions that keep the arm clear at least cost: by exact distances in C, or by rows without a compiler.
 
         Both are clear of the same things by the same margin.
         """
-        exact = self._has_exact(self.engine(target, guarded=False))
-        return self._exact_engine(target) if exact else self.engine(target, guarded=True)
+        return self.engine_of_all([target], True, self._has_exact(self.engine(target, guarded=False)))
 
     def _has_exact(self, free: Engine) -> bool:
         return self._problem.scene.active and free.compiled is not False and bool(find_compiler())
@@ -265,19 +278,10 @@ class PostureSelector:
     def _slack(self) -> ContactSlack:
         return ContactSlack(self._problem.scene.contacts, self._compiled)
 
-    def _exact_engine(self, target: TaskTarget) -> Engine:
-        free = self.engine(target, guarded=False)
-        problem = free.optimisation_problem
-        key = problem.kind, problem.alignment, problem.in_plane
-        if key not in self._exact_engines:
-            kept = replace(problem, scene=self._problem.scene)
-            self._exact_engines[key] = Engine(kept, self._problem.solver, self._compiled, exact=True)
-        return self._exact_engines[key]
-
     def _target(
         self, position: Sequence[float] | None, direction: Sequence[float] | None, clearance: float | None
     ) -> TaskTarget:
-        """The target of the task with another position [m], direction or clearance [m]; refuses what is not finite."""
+        """The task's target at another position [m], direction or clearance [m], all finite."""
         target = self.target
         if position is not None:
             target = target.with_position(np.asarray(position, dtype=float))
@@ -290,8 +294,7 @@ class PostureSelector:
         return target
 
     def _answer(self, outcome: SearchOutcome, began: float, confirm: bool) -> Solution:
-        found, by_starts, by_sweep = outcome.found, outcome.by_starts, outcome.by_sweep
-        problem = outcome.engine.optimisation_problem
+        found, problem = outcome.found, outcome.engine.optimisation_problem
         feasible = outcome.feasible or self._rescued(found, began)
         best, confirmation = feasible[0], None
         if confirm:
@@ -299,23 +302,25 @@ class PostureSelector:
             best = feasible[0]
         # A solve that stalled is no optimum; it counts only where nothing better is known.
         ended = [c for c in feasible if c.optimal] or feasible[:1]
-        apart = distinct(np.array([c.q for c in ended]), self._problem.robot) if by_sweep else range(len(ended))
+        apart = distinct(np.array([c.q for c in ended]), self._problem.robot) if outcome.by_sweep else range(len(ended))
         optima = [ended[k] for k in apart]
-        seconds = time.perf_counter() - began
-        statistics = SearchStatistics.of(found, outcome.swept, by_starts, best, len(optima), seconds, confirmation)
-
+        statistics = SearchStatistics(
+            found.arrived, found.tried, found.polished, found.sampled, time.perf_counter() - began,
+            converged=sum(c.optimal for c in outcome.by_starts), distinct=len(optima),
+            hits=found.hits if found.found and found.found[0].objective <= as_good(best.objective) else 0,
+            batches=found.batches, recurred=found.recurred, sweep=outcome.swept, confirmation=confirmation,
+        )  # fmt: skip
         notes: tuple[str | Statement, ...] = (
             *self._problem.notes, problem.axis_note(found.target), *self.remarks(),
         )  # fmt: skip
-        if not by_starts and not by_sweep:
+        if not outcome.feasible:
             notes = (*notes, state("selection.relaxed-search"))
         notes += self._beside(best.q, found.target)
         refuted = confirmation is not None and confirmation.refutes
         status: Status = "optimal" if best.optimal and not refuted else "feasible"
-        seen = np.vstack([best.q, found.sampled.Q])
         return Solution(
             self._problem, problem, found.target, status, best.q, statistics, np.array([c.q for c in optima]), notes,
-            feasible=seen, engine=outcome.engine,
+            feasible=np.vstack([best.q, found.sampled.Q]), engine=outcome.engine,
         )  # fmt: skip
 
     def _rescued(self, found: MultistartResult, began: float) -> list[CandidatePosture]:
@@ -419,7 +424,7 @@ def task_of(problem: ProblemData) -> Task:
 
 
 def one_target(task: Task) -> Task:
-    """The same task, or an InputError where it has several targets."""
+    """The task, or an InputError for several targets."""
     if task.features or task.on_path:
         what, key = ("features", ("task", "features")) if task.features else ("a path", ("task",))
         hint = "solve the task as it is, or name one target: position: [0.6 m, 0.2 m, 0.1 m]"

@@ -16,16 +16,15 @@ import numpy as np
 from posture_opt.collision.pairs import Clearance
 from posture_opt.numerics import Array, Json, Mask
 from posture_opt.selection.answer.improvements import MIN_GAIN, Improvement, improvements
-from posture_opt.selection.answer.placement import Placement, combined_sigma
+from posture_opt.selection.answer.placement import Placement, VisitingOrder, best_order, combined_sigma
 from posture_opt.selection.answer.prices import Price, prices_of
 from posture_opt.selection.answer.solution_statements import solution_statements
 from posture_opt.selection.answer.target_answer import TargetAnswer
-from posture_opt.selection.answer.visiting_order import VisitingOrder, best_order
 from posture_opt.selection.program.task_target import TaskTarget
-from posture_opt.selection.search.confirmation import UNCONFIRMED_JSON, Confirmation, joined_confirmation
+from posture_opt.selection.search.engine import UNCONFIRMED_JSON, Confirmation, joined_confirmation
 from posture_opt.selection.tasks.workpiece import Combine
 from posture_opt.statements import Statement
-from posture_opt.uncertainty.sources.workpiece import ANGLE, FEATURE, POSITION, stated_name
+from posture_opt.uncertainty.sources.sources import ANGLE, FEATURE, POSITION, stated_name
 from posture_opt.uncertainty.spread.success_of_all import JointSuccess, PlaceErrors, success_of_all
 
 
@@ -41,7 +40,7 @@ class FollowedPath(Protocol):
 
 
 def _part(part: str, name: str, text: str) -> Any:
-    """What only some answers have: an attribute of their part; None where an answer has no such part."""
+    """An attribute of a part that only some answers have; else None."""
     of = {"placement": " – of the placement of a workpiece, else None", "followed": " – of a path, else None"}
     return property(lambda found: getattr(getattr(found, part), name, None), doc=f"{text}{of.get(part, '')}.")
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,11 +15,11 @@ from posture_opt.robot.robot import Robot
 from posture_opt.selection.answer.improvements import CalibratedArm, HalvedSigma, Improvement, MovedPart
 from posture_opt.selection.answer.placement import placement_text
 from posture_opt.selection.registered_tasks import part_words
-from posture_opt.selection.search.confirmation import Confirmation
+from posture_opt.selection.search.engine import Confirmation
 from posture_opt.selection.tasks.workpiece import WORKPIECE
 from posture_opt.statements import Quantity, Statement, Value, state
 from posture_opt.statements.notation import place, shift
-from posture_opt.uncertainty.sources.source_names import source_size
+from posture_opt.uncertainty.sources.sources import source_size
 from posture_opt.uncertainty.spread.joint_digits import readable_posture
 from posture_opt.units import joint_text
 
@@ -28,9 +28,7 @@ if TYPE_CHECKING:
     from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 
 ACROSS_PATH = "across the path"
-NO_GAIN = 5e-4
-"""A relative difference of standard deviations that no report shows."""
-_PLANAR_JOINTS = 2  # of arms that are drawn on paper
+NO_GAIN = 5e-4  # a relative difference of standard deviations that no report shows
 
 
 def solution_statements(found: Solution) -> tuple[Statement, ...]:
@@ -51,7 +49,7 @@ def solution_statements(found: Solution) -> tuple[Statement, ...]:
 def drive_statements(found: Solution) -> tuple[Statement, ...]:
     """What to know before anyone drives there: surfaces, measured ranges, the workpiece, limits of joints."""
     scene, robot = found.problem.scene, found.problem.robot
-    at = joints_at_limits(robot, found.postures) if robot.n > _PLANAR_JOINTS else ()
+    at = joints_at_limits(robot, found.postures) if robot.n > 2 else ()  # arms of two are drawn on paper
     limits = [state("selection.joint-at-limit", joints=tuple(at))] if at else []
     return (
         *scene_statements(scene, found.postures), *beyond_measured(found.problem.arm, found.postures),
@@ -110,12 +108,17 @@ def _features(found: Solution) -> tuple[Statement, ...]:
 
 def _motion(found: Solution) -> tuple[Statement, ...]:
     where = found.path.numbers[found.worst_index]
-    return (
-        state("selection.best-motion", where, sigma=Quantity(found.sigma_max), part=ACROSS_PATH),
-        *(map(_break, found.breaks) if found.breaks else [state("selection.motion-steps", steps=_steps(found))]),
-        *_closed(found),
-        *_speed(found),
-    )
+    said = [state("selection.best-motion", where, sigma=Quantity(found.sigma_max), part=ACROSS_PATH)]
+    for one in found.breaks:
+        given: dict[str, Value] = {"first": one.first, "last": one.last, "moved": joint_text(one.moved, one.unit)}
+        name = "path-singular" if one.kind == "singular" else "path-blocked"
+        said.append(state(f"selection.{name}", one.joint, **given, off=Quantity(one.off)))
+    if not found.breaks:
+        said.append(state("selection.motion-steps", steps=_steps(found)))
+    if found.task.closed:
+        turned = [state("selection.path-turned", name, turns=n) for name, n in found.law.whole_turns.items()]
+        said += turned or [state("selection.path-closed")]
+    return (*said, *_speed(found))
 
 
 def _steps(found: Solution) -> tuple[str, ...]:
@@ -125,20 +128,6 @@ def _steps(found: Solution) -> tuple[str, ...]:
         largest[joint.unit] = max(step, largest.get(joint.unit, 0.0))
     dimensions = {"rad": "joint angle", "m": "length"}
     return tuple(str(Quantity(step, dimensions[unit])) for unit, step in largest.items())
-
-
-def _break(one: Any) -> Statement:
-    """Where and why the arm leaves the path: of a ``PathBreak``."""
-    name = "path-singular" if one.kind == "singular" else "path-blocked"
-    given: dict[str, Value] = {"first": one.first, "last": one.last, "moved": joint_text(one.moved, one.unit)}
-    return state(f"selection.{name}", one.joint, **given, off=Quantity(one.off))
-
-
-def _closed(found: Solution) -> list[Statement]:
-    if not found.task.closed:
-        return []
-    turned = [state("selection.path-turned", name, turns=turns) for name, turns in found.law.whole_turns.items()]
-    return turned or [state("selection.path-closed")]
 
 
 def _speed(found: Solution) -> list[Statement]:
@@ -200,11 +189,17 @@ def _improvement(found: Solution, change: Improvement) -> Statement:
 
 
 def _on_table(found: Solution) -> tuple[Statement, ...]:
+    said: list[Statement] = []
     if found.along_path:
-        return _spacing(found)
+        # The way off the line goes with the distance squared.
+        ratio = found.off_line / found.sigma_max if found.sigma_max > 0 else 0.0
+        if ratio > 1 and not found.breaks:
+            gap = float(np.diff(found.path.lengths).max())
+            said.append(state("selection.off-line", spacing=Quantity(gap / ratio**0.5)))
+        return tuple(said)
     if not found.of_features:
-        return (*_ranking(found), *_alternatives(found), *_orientation(found))
-    success, said = found.success, []
+        return _on_table_of_one(found)
+    success = found.success
     if success is not None and abs(success.product - success.probability) > 1e-4:
         said.append(state("selection.errors-shared", probability=Quantity(success.product, "probability")))
     if found.placement is not None and found.placement.free.any():
@@ -213,19 +208,23 @@ def _on_table(found: Solution) -> tuple[Statement, ...]:
     return tuple(said)
 
 
+def _on_table_of_one(found: Solution) -> tuple[Statement, ...]:
+    said, task, more = _ranking(found), found.optimisation_problem.task, len(found.optima) - len(found.alternatives)
+    if more:
+        said.append(state("selection.same-configuration", more=more))
+    elif len(found.alternatives) <= 1:
+        said.append(state("selection.no-alternative"))
+    if any(term.uses_orientation for term in (*task.minimize, *task.subject_to)):
+        error = Quantity(found.orientation.first_order_error, "share")
+        said.append(state("selection.orientation-first-order", error=error))
+    return tuple(said)
+
+
 def _base_from_workpiece(w: list[float]) -> tuple[tuple[float, float, float], float]:
     """The world origin [m] and its yaw [rad] in the frame of a workpiece at w (4,)."""
     c, s = math.cos(w[3]), math.sin(w[3])
     x, y, z = (-v for v in w[:3])
     return (c * x + s * y, -s * x + c * y, z), math.remainder(-w[3], 2 * math.pi)
-
-
-def _spacing(found: Solution) -> tuple[Statement, ...]:
-    ratio = found.off_line / found.sigma_max if found.sigma_max > 0 else 0.0
-    if ratio <= 1 or found.breaks:
-        return ()
-    gap = float(np.diff(found.path.lengths).max())
-    return (state("selection.off-line", spacing=Quantity(gap / ratio**0.5)),)
 
 
 def _ranking(found: Solution) -> list[Statement]:
@@ -237,20 +236,6 @@ def _ranking(found: Solution) -> list[Statement]:
     ranking = tuple(([f"criterion {task.criterion}"] if task.criterion != "none" else [])
                     + [term.kind.replace("_", " ") for term in task.minimize])  # fmt: skip
     return [state("selection.ranked-by", ranking=ranking, part=part)]
-
-
-def _alternatives(found: Solution) -> list[Statement]:
-    more = len(found.optima) - len(found.alternatives)
-    if more:
-        return [state("selection.same-configuration", more=more)]
-    return [] if len(found.alternatives) > 1 else [state("selection.no-alternative")]
-
-
-def _orientation(found: Solution) -> list[Statement]:
-    task = found.optimisation_problem.task
-    if not any(term.uses_orientation for term in (*task.minimize, *task.subject_to)):
-        return []
-    return [state("selection.orientation-first-order", error=Quantity(found.orientation.first_order_error, "share"))]
 
 
 def _failure(found: Solution) -> tuple[Statement, ...]:
@@ -294,7 +279,7 @@ def free_frames(robot: Robot) -> tuple[Statement, ...]:
 
 
 def confirmed(said: Confirmation | None) -> tuple[Statement, ...]:
-    """Whether the solver ends at the answer too; nothing where it was not asked."""
+    """Whether the solver ends at the answer too; empty if it was not asked."""
     if said is None:
         return ()
     if not said.differs:

@@ -11,13 +11,13 @@ import numpy as np
 from posture_opt.numerics import Array, Json, finite_or_none
 from posture_opt.result import Result
 from posture_opt.robot.posture import Posture
-from posture_opt.selection.answer.lower_bound import LowerBound, lower_bound
 from posture_opt.selection.answer.other_postures import (
     ManipulablePosture,
     configurations,
     end_moments,
     most_manipulable,
 )
+from posture_opt.selection.answer.prices import LowerBound, lower_bound
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.program.task_target import TaskTarget
@@ -29,7 +29,7 @@ from posture_opt.uncertainty.regions.critical import Critical
 from posture_opt.uncertainty.regions.regions import Ellipsoid
 from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.uncertainty.spread.budget import Share
-from posture_opt.uncertainty.spread.orientation import Orientation
+from posture_opt.uncertainty.spread.peg_spread import Orientation
 from posture_opt.uncertainty.spread.spread import Spread, budget_json, groups_json, relative_spread
 from posture_opt.uncertainty.spread.task_spread import TaskSpread, sigma_along
 
@@ -74,7 +74,7 @@ class TargetAnswer(Result):
 
     @cached_property
     def most_manipulable(self) -> ManipulablePosture | None:
-        """The posture of greatest manipulability that does the task too; None where nothing was found."""
+        """The posture of greatest manipulability for the task, or None."""
         return most_manipulable(self.optimisation_problem, self.target, self.problem.solver, self.feasible)
 
     @property
@@ -100,7 +100,7 @@ class TargetAnswer(Result):
 
     @cached_property
     def ranked(self) -> Array:
-        """(k, n) at most eight of the local optima, best first: those of each configuration, then others."""
+        """(k, n) at most eight local optima, best first, one of each configuration before others."""
         named = configurations(self.problem.robot, self.ended)
         again = [bool(name) and name in named[:k] for k, name in enumerate(named)]
         kept = sorted(range(len(self.ended)), key=again.__getitem__)[:8]  # a 6R wrist has eight branches (Pieper 1968)
@@ -118,9 +118,7 @@ class TargetAnswer(Result):
 
     @cached_property
     def optima(self) -> tuple[Alternative, ...]:
-        """Distinct local optima of the first station, best first, those that differ by the spin of the tool or by what
-        a redundant arm has over among them.
-        """
+        """Distinct local optima of the first station, best first, spins of the tool and redundant ones included."""
         if not len(self.ranked):
             return ()
         moments = end_moments(self.optimisation_problem, self.ranked, self.basis, self.target.lever)
@@ -150,7 +148,7 @@ class TargetAnswer(Result):
 
     @property
     def critical(self) -> Critical:
-        """The spread across the direction (or along it, or all of it, as the task says) at the worst station."""
+        """The spread in the directions that count, at the worst station."""
         return self.task_spread.critical
 
     @property
@@ -184,7 +182,7 @@ class TargetAnswer(Result):
 
     @cached_property
     def lower_bound(self) -> LowerBound | None:
-        """A spread that no posture can beat at the target of the worst station; None where there is no such bound."""
+        """A spread that no posture beats at the worst station's target, or None."""
         worst = self.worst
         return lower_bound(
             worst.optimisation_problem.tool_point.seen_from(worst.target.lever.tolist()), worst.target, self.basis
@@ -206,7 +204,7 @@ class TargetAnswer(Result):
         return 1.0 - self.sigma_max / sigma if sigma > 0 else 0.0
 
     def station_json(self, name: str) -> dict[str, Any]:
-        """What the document of several features says of one of them: plain data."""
+        """One of several features in ``solution.json``."""
         document = {"name": name, "status": self.status, **self.posture_json(), **self.spread_json()}
         kept = ("name", "status", "posture", "tool", "critical", "covariance", "success_probability")
         return {key: document[key] for key in kept}
@@ -224,9 +222,7 @@ class TargetAnswer(Result):
         }
 
     def spread_json(self) -> dict[str, Any]:
-        """The spread of the tool point, what it is made of and what it is compared with: the part of the worst
-        station.
-        """
+        """The spread of the tool point, its budget and comparisons: the worst station's part."""
         spread, statistics = self.spread, self.statistics
         return {
             "covariance": spread.covariance.tolist(),

@@ -238,7 +238,6 @@ def _step(length: float) -> float:
 
 
 def _counts(request: GridRequest, axes: Array, widths: Array) -> tuple[int, int, int]:
-    """Counts of u, v, w."""
     if request.counts is None:
         return _suitable(widths)
     along = [int(np.argmax(np.abs(axis))) for axis in axes]

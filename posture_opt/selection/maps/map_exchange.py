@@ -1,7 +1,4 @@
-"""``NeighbourExchange``: targets of a map take over postures from each other, in rounds, until none becomes better.
-
-The best posture jumps from one branch to another between two neighbours: a branch that random starts missed spreads.
-"""
+"""Targets of a map take over postures from neighbours in rounds, until none becomes better."""
 
 from __future__ import annotations
 
@@ -12,13 +9,144 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
+from posture_opt.model.arm import Arm
 from posture_opt.numerics import Array, Codes
-from posture_opt.selection.maps.map_neighbours import Neighbourhood, Pairs
 from posture_opt.selection.maps.map_points import MapCandidate
 from posture_opt.selection.maps.map_trials import BEND, NeighbourStarts, Trial, take_over, try_all, try_around
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.engine import Engine
 from posture_opt.workers import Part, Workers
+
+Pairs = tuple[Codes, Codes]
+"""Targets, and as many others whose postures are tried there."""
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """Targets in a line with two others, which predict a value of theirs."""
+
+    at: Codes  # (N,) targets; first and second (N,) two others each in one line with them
+    first: Codes
+    second: Codes
+    share: float  # of the first in what both let expect: one half interpolates, two extrapolates
+
+
+@dataclass(frozen=True, eq=False)
+class BaseMotion:
+    """Motion of the whole arm by joint 1: about, or along, a line that is fixed in the world."""
+
+    axis: Array  # (3,) unit vector, world. frame: (3, 2) two unit vectors across it. point: (3,) on it [m]
+    frame: Array
+    point: Array
+    slides: bool  # whether joint 1 is prismatic
+    lower: float  # lower, upper: its limits [rad or m]
+    upper: float
+
+    @classmethod
+    def of(cls, arm: Arm) -> BaseMotion:
+        """Read off the Jacobian of joint 1, in which nothing before it moves."""
+        joint = arm.robot.joints[0]
+        q = (np.array(arm.robot.lower) + np.array(arm.robot.upper)) / 2
+        position, (v, w) = np.asarray(arm.position(q), dtype=float), np.split(np.asarray(arm.jacobian(q))[:, 0], 2)
+        slides = joint.type == "prismatic"
+        axis = v / np.linalg.norm(v) if slides else w / np.linalg.norm(w)
+        across = np.eye(3)[np.argmin(np.abs(axis))]
+        e1 = across - axis * (axis @ across)
+        e1 = e1 / np.linalg.norm(e1)
+        # v = ω x (p - c), so that c = p + ω x v lies on the axis.
+        point = position if slides else position + np.cross(w, v) / (w @ w)
+        frame = np.column_stack([e1, np.cross(axis, e1)])
+        return cls(axis, frame, point, slides, float(joint.lower), float(joint.upper))
+
+    def keeps(self, direction: Array) -> bool:
+        """Whether a direction (3,) stays."""
+        return self.slides or float(np.linalg.norm(np.cross(self.axis, direction))) < 1e-6  # rad
+
+    def split(self, points: Array) -> tuple[Array, Array]:
+        """(N, 2) radius and height of points (N, 3), or both offsets [m], and (N,) the amount of motion [rad or m]."""
+        r = points - self.point
+        along, across = r @ self.axis, r @ self.frame
+        if self.slides:
+            return across, along
+        return np.column_stack([np.linalg.norm(across, axis=1), along]), np.arctan2(across[:, 1], across[:, 0])
+
+    def moved(self, Q: Array, shift: Array) -> Array:
+        """Postures (N, n), joint 1 moved by ``shift`` (N,) [rad or m], whole turns aside, at most to its limit."""
+        turn = 0.0 if self.slides else 2 * np.pi
+        values = (Q[:, 0] + shift)[:, None] + turn * np.array([0.0, -1.0, 1.0])
+        within = np.clip(values, self.lower, self.upper)
+        nearest = np.argmin(np.abs(values - within), axis=1)
+        return np.column_stack([within[np.arange(len(Q)), nearest], Q[:, 1:]])
+
+
+@dataclass(frozen=True, eq=False)
+class Neighbourhood:
+    """Which targets try each other's postures."""
+
+    motion: BaseMotion  # of joint 1
+    kept: Array  # (N, 2 or 3) the coordinates of each target that this motion does not change [m]
+    amount: Array  # (N,) of the motion to each target [rad or m]; zeros where the task differs along it
+    on_grid: tuple[Pairs, ...]  # pairs of neighbours on the grid
+    turned: tuple[Pairs, ...]  # pairs of targets that joint 1 moves onto each other, or near to
+    lines: tuple[Line, ...]  # targets in a row, for outliers
+
+    @classmethod
+    def of(cls, arm: Arm, direction: Array, points: Array, on_grid: Sequence[Pairs]) -> Neighbourhood:
+        """Neighbourhood of points (N, 3) [m], direction (3,) in the world; ``on_grid`` pairs both ways in turn."""
+        lines = tuple(line for here, there in on_grid[::2] for line in _lines(len(points), here, there))
+        motion = BaseMotion.of(arm)
+        kept, amount = motion.split(points)
+        if not motion.keeps(direction):
+            return cls(motion, points, np.zeros(len(points)), tuple(on_grid), (), lines)
+        turned = [pair for here, there in _nearest(kept) for pair in ((here, there), (there, here))]
+        return cls(motion, kept, amount, tuple(on_grid), tuple(turned), lines)
+
+    @property
+    def pairs(self) -> tuple[Pairs, ...]:
+        return *self.on_grid, *self.turned
+
+    def distance(self, there: int, here: int) -> float:
+        """Distance that inverse kinematics leads a posture from one target to another [m]."""
+        return float(np.linalg.norm(self.kept[here] - self.kept[there]))
+
+    def carried(self, Q: Array, there: Codes, here: Codes) -> Array:
+        """Postures (N, n) of targets ``there``, joint 1 moved so that the arm faces the targets ``here``."""
+        return self.motion.moved(Q, self.amount[here] - self.amount[there])
+
+    def excess(self, values: Array) -> Array:
+        """(N,) largest share of each value above what lines of targets predict; −inf without a line."""
+        worst = np.full(len(values), -np.inf)
+        for line in self.lines:
+            expected = line.share * values[line.first] + (1 - line.share) * values[line.second]
+            above = (values[line.at] - expected) / np.maximum(np.abs(expected), np.finfo(float).tiny)
+            worst[line.at] = np.fmax(worst[line.at], above)
+        return worst
+
+
+def _lines(count: int, here: Codes, there: Codes) -> list[Line]:
+    ahead, behind = np.full(count, -1), np.full(count, -1)
+    ahead[here], behind[there] = there, here
+    at = np.flatnonzero((ahead >= 0) & (behind >= 0))
+    lines = [Line(at, ahead[at], behind[at], 0.5)]
+    for step in (ahead, behind):
+        at = np.flatnonzero(step >= 0)
+        at = at[step[step[at]] >= 0]
+        lines.append(Line(at, step[at], step[step[at]], 2.0))
+    return lines
+
+
+def _nearest(kept: Array) -> list[Pairs]:
+    """Targets that follow each other at one height by radius, in ``kept`` (N, 2)."""
+    slack = 1e-9 + 1e-6 * float(np.max(np.abs(kept)))
+    height = np.round(kept[:, 1] / slack)
+    order = np.lexsort((np.round(kept[:, 0] / slack), height))
+    pairs = []
+    for step in (1, 2):  # places away in the order by radius
+        here, there = order[:-step], order[step:]
+        level = height[here] == height[there]
+        pairs.append((here[level], there[level]))
+    return pairs
+
 
 CHUNK = 32
 """Targets of a part, about a tenth of a second; part of the answer, so that this does not depend on who works."""
@@ -58,23 +186,20 @@ def worked_on(
 
 @dataclass(frozen=True)
 class NeighbourExchange:
-    """Targets with the engines that solve them; ``candidates`` are the best ones known, replaced in place."""
+    """Targets with the engines that solve them; ``candidates`` are replaced in place."""
 
     engines: Sequence[Engine]  # N, one for each of targets; many share one
     targets: Sequence[TaskTarget]
-    # which targets try each other's postures, and how a posture is carried from one to another
     neighbourhood: Neighbourhood
     workers: Workers  # who works on the chunks; the answer does not depend on it
     seed: int  # of perturbed starts, together with round and target
     candidates: list[MapCandidate]  # N, the best known
-    # the postures of neighbours that the solver began with at each target
-    tried: dict[int, list[Array]] = field(default_factory=dict)
+    tried: dict[int, list[Array]] = field(default_factory=dict)  # neighbours' postures that the solver began with
     lost: dict[int, list[Array]] = field(default_factory=dict)  # those of them that ended at a worse optimum
-    # how far carried postures fell short of their optimum, over the squared distance: what others may promise
-    bends: list[float] = field(default_factory=list)
+    bends: list[float] = field(default_factory=list)  # what carried postures fell short, over the squared distance
 
     def spread(self, fresh: set[int]) -> None:
-        """Exchange postures, those of ``fresh`` targets first, until no target becomes better."""
+        """Exchange postures, ``fresh`` ones first, until no target becomes better."""
         rounds = 0
         while fresh:
             learnt = [self._learn(fresh, pairs) for pairs in (self.neighbourhood.on_grid, self.neighbourhood.turned)]
@@ -87,7 +212,7 @@ class NeighbourExchange:
         return self.neighbourhood.excess(np.array(best))
 
     def _learn(self, fresh: set[int], pairs: Sequence[Pairs]) -> set[int]:
-        """Try the postures of ``fresh`` neighbours; the targets that became better."""
+        """Targets that became better by the postures of ``fresh`` neighbours."""
         starts = self._starts(fresh, pairs, others=True)
         # In a random order, so that what falls short is soon seen all over the map.
         order, first = np.random.default_rng(0).permutation(list(starts)).tolist(), 8 * CHUNK
@@ -113,7 +238,7 @@ class NeighbourExchange:
         return better
 
     def _try_around(self, fresh: set[int], rounds: int) -> set[int]:
-        """Look for postures of targets without one about those of ``fresh`` neighbours; those that have one now."""
+        """Targets without a posture that have one now, sought about those of ``fresh`` neighbours."""
         starts = self._starts(fresh, self.neighbourhood.pairs, empty=True)
 
         def item(k: int) -> NeighbourStarts:

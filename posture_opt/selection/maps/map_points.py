@@ -15,8 +15,7 @@ from posture_opt.selection.answer.target_answer import critical_basis
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.engine import CandidatePosture, Engine
-from posture_opt.uncertainty.regions.clearance import within_clearance
-from posture_opt.uncertainty.regions.coverage_radius import central_radii, coverage_radius
+from posture_opt.uncertainty.regions.clearance import central_radii, coverage_radius, within_clearance
 from posture_opt.uncertainty.spread.task_spread import sigma_along
 from posture_opt.workers.record_pattern import FINITE, Either, Pattern, recorded
 
@@ -30,13 +29,11 @@ MapStatus = Literal["feasible", "not reached", "requirement not met"]
 class MapCandidate:
     """What was found for one target of a map."""
 
-    # feasible; not reached: no start arrived; requirement not met: some arrived, but collide or miss a term
-    status: MapStatus
+    status: MapStatus  # not reached: no start arrived; requirement not met: some arrived, but collide or miss a term
     best: CandidatePosture | None  # the best posture, None where there is none
     scale: float  # variance [m²] that its objective is divided by; NaN where no start arrived
 
     def packed(self) -> PackedRow:
-        """Numbers and text, to be sent to another process or written to a checkpoint."""
         c = self.best
         if c is None:
             return [self.status, self.scale]
@@ -56,7 +53,7 @@ class MapCandidate:
 
 @dataclass(frozen=True)
 class NeighbourSolves:
-    """What targets learnt from postures of their neighbours."""
+    """What targets learnt from their neighbours."""
 
     again: int  # targets with a posture that were solved again, because a neighbour's was another one or they stood out
     better: int  # those of them that became better by it
@@ -85,7 +82,6 @@ class MapPoint:
 
     @property
     def feasible(self) -> bool:
-        """Whether there is a posture."""
         return self.status == "feasible"
 
     def packed(self) -> PackedRow:

@@ -11,8 +11,7 @@ import numpy as np
 
 from posture_opt.collision.scene import Scene
 from posture_opt.numerics import Array, Progress
-from posture_opt.selection.maps.map_exchange import NeighbourExchange, worked_on
-from posture_opt.selection.maps.map_neighbours import Neighbourhood, Pairs
+from posture_opt.selection.maps.map_exchange import NeighbourExchange, Neighbourhood, Pairs, worked_on
 from posture_opt.selection.maps.map_points import MapCandidate, NeighbourSolves, PackedRow
 from posture_opt.selection.maps.map_trials import (
     BETTER,
@@ -182,12 +181,11 @@ def colliding(scene: Scene, candidates: Sequence[MapCandidate], workers: Workers
 
 @recorded(lambda scene, Q: (bool,) * len(Q))
 def _clear(scene: Scene, Q: Array) -> list[bool]:
-    """Of each posture of Q (N, n) whether it is clear."""
     return [bool(yes) for yes in is_clear(scene, Q)]
 
 
 def in_the_way(scene: Scene, q: Array) -> str:
-    """The obstacle that a colliding posture (n,) meets most; ``self-collision`` where it meets the arm itself."""
+    """Name of the obstacle that a colliding posture (n,) meets most, or ``self-collision``."""
     k = int(np.argmin(scene.distances(q)[0] - np.array(scene.required)))
     return SELF_COLLISION if k < len(scene.own) else scene.pairs[k][1]
 

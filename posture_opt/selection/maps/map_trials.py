@@ -25,7 +25,7 @@ Led = list[tuple[CandidatePosture, float]]
 
 
 def out_of_plane(engine: Engine, target: TaskTarget) -> bool:
-    """Whether a target lies outside of the plane, or line, that the tool point cannot leave."""
+    """Whether a target lies outside of the plane, or line, of the tool point."""
     return engine.optimisation_problem.reach.misses(target.lower, target.upper)
 
 
@@ -37,7 +37,7 @@ def freedom(engine: Engine, target: TaskTarget) -> int:
 
 
 def best_among(engine: Engine, target: TaskTarget, Q: Array) -> MapCandidate:
-    """The best local optimum that postures Q (M, n) [rad or m], which reach the target, lead to."""
+    """Best local optimum from postures Q (M, n) [rad or m] that reach the target."""
     own = engine.screen(Q, target.parameters)[2][:, 0]
     scale = engine.scale_of(own)
     best = local_optima(engine, replace(target, scale=scale), Q)[0]
@@ -89,13 +89,11 @@ class Trial:
     better: bool = False
 
     def packed(self) -> PackedRow:
-        """Numbers and text, to be sent to another process."""
         lists = ([q.tolist() for q in self.tried], [q.tolist() for q in self.lost], list(map(float, self.bends)))
         return [self.candidate.packed(), *lists, self.better]
 
     @staticmethod
     def pattern(joints: int) -> Pattern:
-        """That of `packed`, of an arm with so many joints."""
         postures = [(FINITE,) * joints]
         return (MapCandidate.pattern(joints), postures, postures, [float], bool)
 
@@ -113,13 +111,13 @@ def candidate_patterns(engine: Engine, items: Sequence[object]) -> Pattern:
 
 @recorded(lambda engine, items: (Trial.pattern(engine.optimisation_problem.robot.n),) * len(items))
 def try_all(engine: Engine, items: Sequence[NeighbourStarts]) -> list[PackedRow]:
-    """At every target, polish those postures of neighbours that may become the best one, best first: packed trials."""
+    """Polish neighbours' postures that may become the best, best first: packed trials."""
     return [_tried(engine, item, led).packed() for item, led in zip(items, _carried_over(engine, items), strict=True)]
 
 
 @recorded(candidate_patterns)
 def try_around(engine: Engine, items: Sequence[NeighbourStarts]) -> list[PackedRow]:
-    """Targets without a posture sought about those of their neighbours: packed candidates."""
+    """Seek postures about those of neighbours: packed candidates."""
     found = [item.candidate for item in items]
     mine = [k for k, item in enumerate(items) if not out_of_plane(engine, item.target)]
     if mine:
@@ -134,7 +132,7 @@ def try_around(engine: Engine, items: Sequence[NeighbourStarts]) -> list[PackedR
 
 @recorded(candidate_patterns)
 def take_over(engine: Engine, items: Sequence[NeighbourStarts]) -> list[PackedRow]:
-    """At every target the posture of a neighbour, where it is another one and as good: packed candidates."""
+    """Take neighbours' postures that are others and as good: packed candidates."""
     return [_agreed(engine, item, led).packed() for item, led in zip(items, _carried_over(engine, items), strict=True)]
 
 
@@ -176,8 +174,7 @@ def _tried(engine: Engine, item: NeighbourStarts, led: Led) -> Trial:
         own = trial.candidate.best
         won = _try(engine, item.target, trial, posture)
         if own is not None and math.isfinite(won):
-            # below it a posture was turned rather than led
-            trial.bends.append((won - gain(posture, own)) / max(square, 1e-4))
+            trial.bends.append((won - gain(posture, own)) / max(square, 1e-4))  # below it a posture was just turned
         trial.better |= won > BETTER
     return trial
 

@@ -25,16 +25,14 @@ from posture_opt.selection.answer.solution_statements import (
     free_joints,
 )
 from posture_opt.selection.maps.grid_layout import Grid, GridRequest, Plane, grid_of
-from posture_opt.selection.maps.map_exchange import worked_on
-from posture_opt.selection.maps.map_neighbours import Neighbourhood
+from posture_opt.selection.maps.map_exchange import Neighbourhood, worked_on
 from posture_opt.selection.maps.map_points import MapCandidate, MapPoint, NeighbourSolves, packed_points
 from posture_opt.selection.maps.map_search import best_candidates, clear_candidates, in_the_way
 from posture_opt.selection.problem_data import ProblemData, with_fallbacks
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.registered_tasks import part_words
-from posture_opt.selection.search.confirmation import UNCONFIRMED_JSON, Confirmation, joined_confirmation
-from posture_opt.selection.search.engine import Engine
+from posture_opt.selection.search.engine import UNCONFIRMED_JSON, Confirmation, Engine, joined_confirmation
 from posture_opt.selection.search.search_outcome import confirmed as confirmed_posture
 from posture_opt.statements import Quantity, Statement, state
 from posture_opt.statements.notation import place
@@ -69,7 +67,7 @@ class TargetMap(Result):
 
     @cached_property
     def statements(self) -> tuple[Statement, ...]:
-        """What the map has to say, the best target first."""
+        """Statements, the best target first."""
         return map_statements(self)
 
     @property
@@ -113,7 +111,6 @@ class TargetMap(Result):
         return self._extreme(-1)
 
     def _extreme(self, sign: int) -> int:
-        """Number of the target with the least (sign 1) or largest (−1) spread."""
         values = np.where(self.feasible, sign * self.sigma, np.inf)
         ties = np.flatnonzero(values <= values.min() + 1e-6 * abs(values.min()))  # of σ
         # Of equal targets the one nearest to the middle of the map.
@@ -241,7 +238,6 @@ def _confirmed_targets(
     engine_of: Callable[[TaskTarget, bool], Engine], targets: Sequence[TaskTarget],
     candidates: Sequence[MapCandidate], named: Iterable[int], scene: Scene,
 ) -> tuple[dict[int, MapCandidate], Confirmation | None]:  # fmt: skip
-    """Better candidates by number after IPOPT started at the named ones, and its word on all of them."""
     better: dict[int, MapCandidate] = {}
     every: list[Confirmation | None] = []
     for k in dict.fromkeys(named):
@@ -259,7 +255,6 @@ def _confirmed_targets(
 
 
 def _parts(progress: Progress | None, count: int, cell: bool) -> list[Progress | None]:
-    """Progress of search, clearance and spread as parts of the whole, about as long as each takes."""
     ends = np.cumsum([0, count, 4 * count if cell else 0, count // 3]).tolist()
 
     def part(begin: int, end: int) -> Progress | None:
@@ -311,7 +306,7 @@ def _nowhere(map_points: list[MapPoint]) -> str:
 
 
 def map_statements(found: TargetMap) -> tuple[Statement, ...]:
-    """All of them, the best target first."""
+    """All statements, the best target first."""
     best, worst, Q = found.best, found.worst, found.postures[found.feasible]
     part = part_words(found.within, found.optimisation_problem.task.kind)
     return (

@@ -192,7 +192,6 @@ class StepGraph:
         return self._closed_of_least(bound, lambda ways: min(float(cost.min()) for cost in ways.worst_costs(largest)))
 
     def _closed_of_least(self, bound: Array, value: Callable[[StepGraph], float]) -> StepGraph | None:
-        """Ways back to the candidate of least value, bounded below; the 24 most promising are tried."""
         least, best = np.inf, None
         for start in np.argsort(bound, kind="stable")[:24].tolist():
             if bound[start] >= least:

@@ -19,8 +19,7 @@ from posture_opt.selection.paths.joint_steps import JointSteps
 from posture_opt.selection.paths.path_candidates import held
 from posture_opt.selection.paths.task_path import TaskPath, between, stacked
 from posture_opt.selection.program.task_target import TaskTarget
-from posture_opt.selection.search.confirmation import Confirmation
-from posture_opt.selection.search.engine import Engine
+from posture_opt.selection.search.engine import Confirmation, Engine
 from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE, TOLERANCE
 from posture_opt.selection.search.search_outcome import is_clear
 
@@ -55,7 +54,6 @@ class Motion:
 
     @property
     def feasible(self) -> bool:
-        """Whether all requirements are met at all points."""
         return self.clear and float(np.max(self.violations)) <= ROW_TOLERANCE
 
     @property
@@ -124,12 +122,12 @@ class TimeLaw:
 
     @property
     def speed(self) -> float | None:
-        """Constant speed of the tool point [m/s]: the stated one, or else the highest."""
+        """Constant speed of the tool point [m/s], stated or the highest."""
         return self.highest if self.stated is None else self.stated
 
     @property
     def times(self) -> Array | None:
-        """(K,) when the tool is at each point [s]; None where no speed is stated and none is the highest."""
+        """(K,) time at each point [s]; None without a speed."""
         return None if self.speed is None else self.lengths / self.speed
 
     @property
@@ -183,7 +181,6 @@ class PathBreak:
     step: int  # number of the step among those of all points, added ones too, from 0
 
     def to_json(self) -> dict[str, Json]:
-        """Plain numbers, SI."""
         return dict(vars(self))
 
 

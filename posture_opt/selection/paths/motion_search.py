@@ -28,8 +28,7 @@ from posture_opt.selection.paths.path_candidates import PathCandidates, held
 from posture_opt.selection.paths.task_path import TaskPath
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.program.task_target import TaskTarget
-from posture_opt.selection.search.confirmation import Confirmation
-from posture_opt.selection.search.engine import Engine
+from posture_opt.selection.search.engine import Confirmation, Engine
 from posture_opt.selection.search.multistart import as_good
 from posture_opt.selection.stations.stations_problem import (
     BARRIER,
@@ -235,7 +234,6 @@ class MotionSearch(DerivedAgain):
         return [self._motion(Q) for Q in self._ways(paces.most)]
 
     def _turning(self, ways: Sequence[Array]) -> Codes:
-        """Joints that end a closed way in other whole turns than the calmest motion."""
         if not self.closed or not len(ways):
             return np.zeros(0, dtype=int)
         allowed = self.steps.whole_turns(self.calmest[1].Q)
@@ -243,7 +241,6 @@ class MotionSearch(DerivedAgain):
         return np.flatnonzero(np.any(others, axis=0) & self.steps.wide)
 
     def _spread_made_least(self, starts: list[Motion], paces: Paces) -> list[Motion]:
-        """Where the smooth problem leads to from the starts, best first, until two in a row bring nothing."""
         least = float(np.max(self.alone))
         ends: list[Motion] = []
         idle = 0
@@ -272,7 +269,6 @@ class MotionSearch(DerivedAgain):
         return [graph.motion(way) for way in (best, *chain.from_iterable(others))]
 
     def _apart(self, graph: StepGraph, point: int, worst: Array) -> list[Codes]:
-        """The best ways that pass 30 deg, or 0.5 m of a slide, from each other, given the least costs at a point."""
         chosen: list[int] = []
         for k in np.argsort(worst, kind="stable").tolist():
             near = self.steps.between(graph.postures[point][[k]], graph.postures[point][chosen])
@@ -284,7 +280,6 @@ class MotionSearch(DerivedAgain):
         return [way for way in ways if way is not None]
 
     def _on_path(self, motion: Motion) -> Motion:
-        """The motion with its points met to the last digits."""
         Q, requests = motion.Q, np.vstack([held(self.engine, target).rows for target in self.found.targets])
         turns = Q[-1] - Q[0]
         for _ in range(3):  # from an error of 1e-7, quadratic

@@ -44,7 +44,7 @@ def naive_motions(search: MotionSearch) -> Naive:
 
 @dataclass(frozen=True, eq=False)
 class PathAnswer:
-    """What a solution has beside its stations where they are the K points of a path."""
+    """The part of a solution beside its stations where they are the K points of a path."""
 
     path: TaskPath  # K points, listed and added
     motion: Motion
@@ -59,17 +59,17 @@ class PathAnswer:
 
     @property
     def listed(self) -> Mask:
-        """(K,) whether the point is one of the task's own."""
+        """(K,) whether a point is one of the task's own."""
         return self.path.listed
 
     @property
     def largest_joint_step(self) -> float:
-        """Largest change of any joint between listed points [rad, or m of a slide]."""
+        """Largest change of any joint between listed points [rad or m]."""
         return float(np.max(np.abs(np.diff(self.motion.Q[self.listed], axis=0))))
 
     @property
     def closed(self) -> bool:
-        """Whether the motion ends in the posture in which it began, or whole turns of joints away from it."""
+        """Whether the motion ends where it began, or whole turns of joints away."""
         Q = self.motion.Q
         off = np.abs(Q[-1] - Q[0])
         turns = np.array([joint.type == "revolute" for joint in self.law.robot.joints])
@@ -77,12 +77,12 @@ class PathAnswer:
 
     @property
     def times(self) -> list[float] | None:
-        """When the tool is at each listed point [s]; None where no speed is stated and none is the highest."""
+        """Times at the listed points [s]; None without a speed."""
         every = self.law.times
         return None if every is None else [float(t) for t in every[self.listed]]
 
     def to_json(self, found: Solution) -> dict[str, Any]:
-        """What ``solution.json`` says of the path: plain data."""
+        """The path in ``solution.json``."""
         onward = self.naive.onward
         steps = ("largest_joint_step", "largest_step", "smallest_step")
         return {

@@ -13,8 +13,7 @@ import numpy as np
 
 from posture_opt.errors import InputError, Issue, NoSolutionError
 from posture_opt.numerics import Array, DerivedAgain, Progress
-from posture_opt.selection.answer.infeasible import infeasible
-from posture_opt.selection.answer.infeasible_stations import explain_stations
+from posture_opt.selection.answer.infeasible import explain_stations, infeasible
 from posture_opt.selection.answer.placement import Placement, PlacementFigure, PlacementRange
 from posture_opt.selection.answer.selector import PostureSelector, task_of
 from posture_opt.selection.answer.solution import Solution
@@ -28,9 +27,8 @@ from posture_opt.selection.paths.path_candidates import PathCandidates, find_can
 from posture_opt.selection.paths.task_path import TaskPath
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.program.task_target import TaskTarget
-from posture_opt.selection.search.batches import usual_starts
 from posture_opt.selection.search.engine import Engine
-from posture_opt.selection.search.multistart import Sampled, multistart
+from posture_opt.selection.search.multistart import Sampled, multistart, usual_starts
 from posture_opt.selection.search.relaxation import Change, Reason, with_changes
 from posture_opt.selection.search.search_outcome import SearchStatistics
 from posture_opt.selection.stations.placed_stations import PlacedStations
@@ -92,7 +90,7 @@ _MAX_ROUNDS = 3
 
 @dataclass(frozen=True, eq=False)
 class PathSelector(DerivedAgain):
-    """The search for the postures along the path of one problem; ``selector`` builds what every point needs."""
+    """The search for postures along the path of one problem."""
 
     problem: ProblemData
     selector: PostureSelector
@@ -136,10 +134,6 @@ class PathSelector(DerivedAgain):
             return self.solve_here(seed, pool, progress)
 
     def _placed(self, seed: int, workers: int, progress: Progress | None) -> Solution:
-        """The best of some placements and of the middle, moved on with the motion while that gains.
-
-        Placements are searched with six points of the path as if they were features; the best three are followed.
-        """
         began = time.perf_counter()
         own = replace(self, w=np.zeros(4)).targets
         chosen = np.unique(np.linspace(0, len(own) - 1, min(6, len(own))).round().astype(int)).tolist()
@@ -202,7 +196,6 @@ class PathSelector(DerivedAgain):
         raise NoSolutionError(reason.message, self._solution(search, motion, largest, began, [reason]))
 
     def _search(self, seed: int, began: float, pool: Workers | None, progress: Progress | None) -> MotionSearch:
-        """The search among candidates of all points, or among motions found at the knots of a long path."""
         reach = self.selector.reach
         off = [float(np.linalg.norm(reach.outside(target.lower, target.upper))) for target in self.targets]
         if max(off) > reach.plane_slack:
@@ -230,7 +223,6 @@ class PathSelector(DerivedAgain):
     def _candidates(
         self, targets: Sequence[TaskTarget], seed: int, pool: Workers | None = None, progress: Progress | None = None
     ) -> tuple[Engine, JointSteps, PathCandidates]:
-        """Candidates of some points; with rows that keep the arm clear where some have none without."""
         scene = self.problem.scene
         for guarded in (None, True):
             engine = self.selector.engine_of_all(self.targets, guarded)
@@ -280,7 +272,7 @@ class PathSelector(DerivedAgain):
         placed_problem, sampled = self.problem.with_workpiece_at(self.w), Sampled.none(problem.robot)
         points = []
         for target, q, count in zip(targets, motion.Q, counts, strict=True):
-            counted = SearchStatistics(count, count, 0, 0, 0, 0, sampled, None, math.nan, 1, 0, seconds)
+            counted = SearchStatistics(count, count, 0, sampled, seconds)
             points.append(Solution(placed_problem, problem, target, status, q, counted, none, notes, tuple(reasons)))
         placement = Placement(self.placement.lower, self.placement.upper, self.w)
         placed = None if self.task.workpiece is None else placement
@@ -288,7 +280,6 @@ class PathSelector(DerivedAgain):
         return replace(points[0], points=tuple(points), names=names, placement=placed, followed=followed)
 
     def _explain(self, engine: Engine, failing: Sequence[int], began: float) -> None:
-        """Raise the error of points that no posture does, with the reasons at the one that lacks most."""
         if not self.explains or self.problem.above_assumed_mounting:  # which is dropped first
             raise NoSolutionError(f"{self.path.numbers[failing[0]]}: no posture was found that meets all requirements")
         targets, names = [self.targets[k] for k in failing], [self.path.numbers[k] for k in failing]
@@ -315,7 +306,6 @@ def _sigma(found: Solution) -> float:
 
 
 def path_task_of(problem: ProblemData) -> PathTask:
-    """The task of a problem that follows a path."""
     task = task_of(problem)
     assert isinstance(task, PathTask), task.kind
     return task

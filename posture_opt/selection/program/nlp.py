@@ -69,7 +69,12 @@ class Nlp:
     @cached_property
     def g(self) -> ca.SX:
         """(m,) the expressions of all rows."""
-        return ca.vertcat(*(row.expression for row in self.rows)) if self.rows else ca.SX(0, 1)
+        return ca.vertcat(ca.SX(0, 1), *(row.expression for row in self.rows))
+
+    @property
+    def row_ends(self) -> list[ca.SX]:
+        """Lower and upper bounds (m,) of all rows as expressions in p."""
+        return [ca.vertcat(ca.SX(0, 1), *(getattr(row, end) for row in self.rows)) for end in ("lower", "upper")]
 
     def as_casadi(self) -> dict[str, ca.SX]:
         """The dictionary that ``casadi.nlpsol`` takes."""
@@ -119,9 +124,8 @@ class Nlp:
 
     @cached_property
     def _row_bounds(self) -> BatchFunction:
-        """(p,) -> lower and upper bounds (m,) of the rows, interpreted: they are a few additions."""
-        low, high = _stacked([row.lower for row in self.rows]), _stacked([row.upper for row in self.rows])
-        return BatchFunction(ca.Function("row_bounds", [self.p], [low, high]), compiled=False)
+        """(p,) -> lower and upper bounds (m,) of the rows, interpreted: a few additions."""
+        return BatchFunction(ca.Function("row_bounds", [self.p], self.row_ends), compiled=False)
 
     def ends(self, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Lower and upper ends of the variables (n,), then of the rows (m,) for one target."""
@@ -133,22 +137,17 @@ class Nlp:
         return BatchFunction(ca.Function("rows", [self.x, self.p], [ca.densify(self.g)]), compiled=False)
 
     def with_rows(self, chosen: Sequence[int]) -> Nlp:
-        """The same program with the rows of these numbers alone."""
+        """The program with these rows alone."""
         return replace(self, rows=tuple(self.rows[k] for k in chosen))
 
     @cached_property
     def screen(self) -> ca.Function:
         """``(x, p) -> (objective, worst violation of a row, first term, variance)``: all that cheap starts need."""
-        low, high = _stacked([row.lower for row in self.rows]), _stacked([row.upper for row in self.rows])
+        low, high = self.row_ends
         beyond = ca.fmax(ca.fmax(low - self.g, self.g - high), 0) if self.rows else ca.SX.zeros(1)
         return ca.Function(
             "screen", [self.x, self.p], [self.objective, ca.mmax(beyond), self.terms[0][1], self.variance]
         )
-
-
-def _stacked(bounds: Sequence[ca.SX]) -> ca.SX:
-    """Bounds (m,) in one column, also where there are none."""
-    return ca.vertcat(*bounds) if bounds else ca.SX(0, 1)
 
 
 @dataclass(frozen=True)
@@ -181,8 +180,8 @@ _OPTIONS: dict[str, Any] = {
 }
 
 
+# MUMPS, which solves IPOPT's linear systems, keeps data in global variables: of all threads, one may solve.
 _ONE_AT_A_TIME = threading.RLock()
-"""MUMPS, which solves IPOPT's linear systems, keeps data in global variables: of all threads, one may solve."""
 
 if hasattr(os, "register_at_fork"):  # what another thread held goes on being held in a child, where nobody lets go
     os.register_at_fork(after_in_child=_ONE_AT_A_TIME._at_fork_reinit)  # type: ignore[attr-defined]

@@ -20,7 +20,7 @@ from posture_opt.collision.scene import Scene
 from posture_opt.errors import InputError, Issue
 from posture_opt.model.arm import Arm
 from posture_opt.model.chain import Walk, stack
-from posture_opt.numerics import DerivedAgain
+from posture_opt.numerics import Array, DerivedAgain
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.program.nlp import Nlp, Row, Variable
 from posture_opt.selection.program.task_target import PLANE_TOLERANCE, Reach, TaskTarget, spin_axis, target_symbols
@@ -62,7 +62,7 @@ class OptimisationProblem(DerivedAgain):
         return self.reach.axis_rank if self.alignment == "exact" else 2
 
     def fixed_along(self, target: TaskTarget) -> bool:
-        """Whether no joint turns the tool axis, and it lies along the direction (within the tilt) as it is."""
+        """Whether no joint turns the tool axis, and it lies along the direction within the tilt."""
         angle = math.acos(max(-1.0, min(1.0, float(self.reach.axis @ target.axis))))
         return self.reach.axis_rank == 0 and angle <= target.tilt + self.reach.axis_slack
 
@@ -118,7 +118,7 @@ class OptimisationProblem(DerivedAgain):
 
     @cached_property
     def _symbols(self) -> tuple[ca.SX, dict[str, ca.SX]]:
-        """The parameters of the target: (33,) all of them, and by their names."""
+        """Parameters (33,) of the target, and their parts by name."""
         return target_symbols()
 
     @cached_property
@@ -126,9 +126,7 @@ class OptimisationProblem(DerivedAgain):
         """The symbolic quantities that objective and terms are made of."""
         moments = self._moments
         p = self._symbols[1]
-        columns = moments.walk.columns
         a = np.array(self.task.tool_axis) / np.linalg.norm(self.task.tool_axis)
-        axis = stack([sum(float(a[j]) * columns[j][k] for j in range(3)) for k in range(3)])
         U = self.reach.directions
         position = ca.SX(moments.position)
         all_axes = ca.SX(U) if self.flat else ca.SX.eye(3)
@@ -142,7 +140,7 @@ class OptimisationProblem(DerivedAgain):
             walk=moments.walk,
             q=self.q,
             position=position,
-            axis=ca.SX(axis),
+            axis=_turned(moments.walk, a),
             frames=self._frames(moments.walk),
             covariance=ca.SX(moments.covariance),
             bias=ca.SX(moments.mean) - position,
@@ -179,7 +177,7 @@ class OptimisationProblem(DerivedAgain):
 
     @cached_property
     def freedom(self) -> int:
-        """Degrees of freedom that target and tool axis leave, those that matter to nothing not counted."""
+        """Degrees of freedom left by target and tool axis, indifferent joints not counted."""
         equal = sum(row.equality for row in self.nlp.rows)
         held = [k for k, joint in enumerate(self.robot.joints) if joint.lower == joint.upper]
         return max(self.robot.n - len({*self.nlp.indifferent, *held}) - equal, 0)
@@ -241,9 +239,8 @@ class OptimisationProblem(DerivedAgain):
         """Sine of the turn of the tool away from the wanted yaw, which is zero, and the side on which it faces."""
         if self.task.heading is None:
             return []
-        p, zero, b = self._symbols[1], ca.SX(0), spin_axis(self.task.tool_axis)
-        columns = self.quantities.walk.columns
-        turned = ca.SX(stack([sum(float(b[j]) * columns[j][k] for j in range(3)) for k in range(3)]))
+        p, zero = self._symbols[1], ca.SX(0)
+        turned = _turned(self.quantities.walk, spin_axis(self.task.tool_axis))
         beside = ca.dot(ca.cross(p["spin"], p["axis"]), turned)
         facing = Row("yaw.facing", "1", ca.dot(p["spin"], turned), zero, ca.SX(math.inf))
         return [Row("yaw", "1", beside, zero, zero), facing]
@@ -278,6 +275,11 @@ class OptimisationProblem(DerivedAgain):
         return values
 
 
+def _turned(reached: Walk, vector: Array) -> ca.SX:
+    """A vector (3,) of the tool frame in the world."""
+    return ca.SX(stack([sum(float(vector[j]) * reached.columns[j][k] for j in range(3)) for k in range(3)]))
+
+
 def _shown_as(term: Term) -> Callable[[float], float]:
     return lambda value: term.shown(value * term.row_size)
 
@@ -307,5 +309,5 @@ def with_held_joints(arm: Arm, task: Task) -> Arm:
 
 
 def released(robot: Robot, task: Task) -> Task:
-    """The same task without the terms that hold joints: the inquiry into a failure asks what they are in the way of."""
+    """The task without terms that hold joints, which an inquiry into a failure lets give."""
     return task.model_copy(update={"subject_to": tuple(term for term in task.subject_to if not term.held(robot))})

@@ -15,8 +15,7 @@ import numpy as np
 
 from posture_opt.errors import InputError, Issue
 from posture_opt.model.arm import Arm
-from posture_opt.model.chain import Scalar
-from posture_opt.model.reach_bound import Shell
+from posture_opt.model.chain import Scalar, Shell
 from posture_opt.numerics import Array
 from posture_opt.robot.posture import drawn_between
 from posture_opt.selection.tasks import Task
@@ -27,8 +26,7 @@ _DEPENDENT = 1e-7  # rad or m/rad: singular values below it are rounding, of qua
 _SAMPLES = 12  # random postures: more than the columns that can be independent, so that none is missed
 
 
-PLANE_TOLERANCE = 1e-6
-"""Distance [m] from its plane at which a target counts as outside of it."""
+PLANE_TOLERANCE = 1e-6  # distance [m] from its plane at which a target counts as outside of it
 
 
 @dataclass(frozen=True)
@@ -133,23 +131,9 @@ def _aligned(basis: Array, lean: float) -> Array:
     return np.array(columns).T if columns and len(columns) == basis.shape[1] else basis
 
 
-SIZES = {
-    "lower": 3,
-    "upper": 3,
-    "direction": 3,
-    "b1": 3,
-    "b2": 3,
-    "clearance": 1,
-    "sin_tilt": 1,
-    "scale": 1,
-    "axis": 3,
-    "a1": 3,
-    "a2": 3,
-    "spin": 3,
-    "lever": 3,
-}
-FREE = 1e6
-"""A bound on the tool point that no arm reaches: the target is free."""
+SIZES = dict.fromkeys(("lower", "upper", "direction", "b1", "b2"), 3)
+SIZES |= dict.fromkeys(("clearance", "sin_tilt", "scale"), 1) | dict.fromkeys(("axis", "a1", "a2", "spin", "lever"), 3)
+FREE = 1e6  # a bound on the tool point that no arm reaches: the target is free
 
 
 @dataclass(frozen=True)
@@ -184,12 +168,12 @@ class TaskTarget:
         return cls(lower, upper, d, B, d, B, clearance, task.tilt, spin=spin, lever=lever)
 
     def with_position(self, position: Array) -> TaskTarget:
-        """The same target at another point (3,), world [m]."""
+        """The target at another point (3,), world [m]."""
         point = _vector(position, "position")
         return replace(self, lower=point, upper=point)
 
     def with_direction(self, direction: Array, reach: Reach) -> TaskTarget:
-        """The same target, direction and tool axis along another vector (3,), world."""
+        """The target with direction and tool axis along another vector (3,), world."""
         d = _vector(direction, "direction")
         if np.linalg.norm(d) < 1e-12:
             raise InputError(Issue("a direction of length zero points nowhere", ("direction",), direction))
@@ -204,11 +188,11 @@ class TaskTarget:
         return bool(np.any(self.spin))
 
     def with_axis(self, axis: Array, reach: Reach) -> TaskTarget:
-        """The same target, the tool axis along the unit vector ``axis`` (3,), world, instead of the direction."""
+        """The target with the tool axis along a unit vector (3,), world, instead of the direction."""
         return replace(self, axis=axis, axis_basis=across_basis(axis, reach.normal))
 
     def moved(self, w: Array) -> TaskTarget:
-        """The same point where the world's frame was moved to w = (x, y, z, yaw) [m, rad]: ``T_world_workpiece p``."""
+        """The target in a frame moved from the world's to w = (x, y, z, yaw) [m, rad]: ``T_world_workpiece p``."""
         assert self.kind == "point", "a box that is turned is none"
         turn = math.cos(w[3]), math.sin(w[3])
         point = turned_about_z(self.lower, *turn) + w[:3]
@@ -230,7 +214,7 @@ class TaskTarget:
 
     @property
     def given_clearance(self) -> float | None:
-        """The clearance [m]; None where none is given."""
+        """The stated clearance [m], or None."""
         return None if math.isnan(self.clearance) else self.clearance
 
     @cached_property

@@ -1,26 +1,28 @@
-"""``ElasticProblem``: by how little a requirement must give for all the others to be met.
+"""``ElasticProblem``: by how little a requirement must give for all the others to be met; ``GivingScene``: the cell's.
 
-Every requirement – target, tool axis, joint limits, held joints, each term, each obstacle – can give by a slack, and
-the sum of the slacks is minimised, each in its own scale (the elastic mode of Gill, Murray and Saunders 2005, SNOPT,
-section 1.3). One nonlinear program serves every choice of what may give: slacks that may not are held at zero by their
-bounds.
+Every requirement – target, tool axis, joint limits, held joints, terms, obstacles – can give by a slack, and the scaled
+sum of slacks is minimised (elastic mode of Gill, Murray and Saunders 2005, SNOPT, section 1.3); slacks that may not
+are held at zero by their bounds. Inside of a solid the distance has no slope that leads out, so the solid gives: every
+face recedes by a slack, or all of it moves by one.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
 
 import casadi as ca
 import numpy as np
 
+from posture_opt.collision.obstacles import Obstacle
+from posture_opt.collision.scene import SELF_CLEARANCE_ROW, Scene, row_name
 from posture_opt.model.compiled import BatchFunction
-from posture_opt.numerics import Array
+from posture_opt.numerics import Array, Mask
 from posture_opt.selection.program.nlp import Nlp, NonlinearSolver, Row
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
-from posture_opt.selection.search.giving_scene import CLEARANCE, GivingScene
 from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE
 
 TARGET, AXIS, LIMITS, HELD = "target", "tool_axis", "limits", "fixed_joints"
@@ -28,8 +30,7 @@ HELD_SLACK = 1e-10  # of what may not give: as a free variable it keeps IPOPT fr
 NORM_ROUNDING = 1e-7  # m or rad, squared: where the norm of a slack near zero is rounded off
 LIMIT_COST_FACTOR = 3.0  # times the cost: limits of joints are built in
 WIDENED_LIMIT = 4 * np.pi  # rad or m: of a joint without its limits
-_HEIGHT = f"{TARGET}.z"
-"""The row that holds the tool point at the height of the target."""
+_HEIGHT = f"{TARGET}.z"  # the row that holds the tool point at the height of the target
 
 
 @dataclass(frozen=True)
@@ -108,7 +109,7 @@ class ElasticProblem:
         return min(found, key=lambda other: other.cost, default=None)
 
     def _compromise(self, start: Array, parameters: Array, given: Collection[str], level: bool) -> Compromise | None:
-        """Where IPOPT ends from one start; None where a requirement that may not give is not met there."""
+        """Where IPOPT ends from one start, or None if a requirement fails that may not give."""
         n = len(start)
         lower, upper = self._variable_bounds(given)
         if level:
@@ -130,13 +131,13 @@ class ElasticProblem:
         return self.compromise(q, lacking, self._by_name(slacks))
 
     def compromise(self, q: Array, lacking: Array, slacks: Mapping[str, Array]) -> Compromise:
-        """A posture (n,) with what it lacks (G,)."""
+        """A posture (n,) that lacks (G,)."""
         return Compromise(
             q, dict(zip(self.requirements, lacking.tolist(), strict=True)), float(self.cost(lacking)), slacks
         )
 
     def _by_name(self, slacks: Array) -> dict[str, Array]:
-        """Slacks (s,) in their scales as those of the requirements [unit]."""
+        """Slacks (s,) by requirement, from their scales to [unit]."""
         ends = np.cumsum([slack.size for slack in self._slacks])
         parts = np.split(slacks, ends[:-1])
         return {slack.name: slack.scale * part for slack, part in zip(self._slacks, parts, strict=True)}
@@ -299,7 +300,7 @@ class ElasticProblem:
 
     @cached_property
     def _lacking(self) -> BatchFunction:
-        """``(q, p, slacks) -> (G,)`` what each requirement lacks: of the cell its slack and what is missing with it."""
+        """``(q, p, slacks) -> (G,)`` lacking amounts; of the cell the slack and the remainder."""
         nlp, zero, slacks = self._problem.nlp, ca.SX(0), self._symbols
         off = [ca.fmax(ca.fmax(r.lower - r.expression, r.expression - r.upper), 0) for r in self._target_rows]
         angle = 2 * ca.asin(ca.fmin(ca.sqrt(ca.fmax(2 * (1 - self._facing), 0)) / 2, 1))
@@ -323,11 +324,100 @@ class ElasticProblem:
 
 
 def further_rows(nlp: Nlp) -> tuple[Row, ...]:
-    """The rows of terms and obstacles: all but those of target and tool axis."""
+    """Rows of terms and obstacles."""
     return tuple(row for row in nlp.rows if row.requirement not in (TARGET, AXIS))
 
 
 def _margins(row: Row) -> list[ca.SX]:
-    """What a row has to spare on each side that is bounded [unit]; negative where it is violated."""
+    """Margins of a row to its bounded sides [unit]; negative if violated."""
     sides = ((1, row.lower), (-1, row.upper))
     return [side * (row.expression - end) for side, end in sides if not end.is_constant() or np.isfinite(float(end))]
+
+
+CLEARANCE = "clearance of the cell"  # the requirement that everything keeps the clearance of the cell
+# What is left of an obstacle that is made smaller [m], half of its least thickness; where it must give more, it has
+# to go.
+LEAST_THICKNESS_M = 1e-3
+_SHIFTS_TRIED_M = np.geomspace(2e-3, 4.0, 50)
+
+
+def place_of(obstacle: str) -> str:
+    return f"place of {obstacle}"
+
+
+@dataclass(frozen=True)
+class GivingScene:
+    """The rows of a problem's cell, with the slacks of its k obstacles as symbols [m]."""
+
+    problem: OptimisationProblem
+    less: ca.SX  # (k,) how far the faces recede
+    shifts: ca.SX  # (3, k) how far each moves, world
+    clearance: ca.SX  # taken off the clearance of the cell
+
+    @classmethod
+    def of(cls, problem: OptimisationProblem) -> GivingScene:
+        """The slacks of a problem's cell, if it has a scene."""
+        k = 0 if problem.scene is None else len(problem.scene.obstacles)
+        return cls(problem, ca.SX.sym("less", k), ca.SX.sym("shift", 3, k), ca.SX.sym("clearance"))
+
+    @property
+    def scene(self) -> Scene:
+        assert self.problem.scene is not None
+        return self.problem.scene
+
+    @cached_property
+    def rows(self) -> dict[str, ca.SX]:
+        """Name of each row -> its margin [m], slacks included."""
+        if self.problem.scene is None:
+            return {}
+        obstacles = self.scene.obstacles
+        if not obstacles:  # of the arm to itself: the rows are there already
+            given = [row for row in self.problem.nlp.rows if row.requirement == SELF_CLEARANCE_ROW]
+            return {row.name: row.expression - row.lower + self.clearance for row in given}
+        most = [self._most(obstacle) for obstacle in obstacles]
+        beyond = {row_name(o.name): ca.fmax(self.less[k] - most[k], 0) for k, o in enumerate(obstacles)}
+        giving = [
+            obstacle.smaller(ca.fmin(self.less[k], most[k])).moved(ca.vertsplit(self.shifts[:, k]))
+            for k, obstacle in enumerate(obstacles)
+        ]
+        return {
+            row.name: row.expression - row.lower + self.clearance + beyond.get(row.name, 0)
+            for row in self.problem.clearance_rows(giving)
+        }
+
+    @cached_property
+    def obstacles(self) -> dict[str, int]:
+        """Name of the row -> number of its obstacle, of all that have a row."""
+        if self.problem.scene is None:
+            return {}
+        numbers = {row_name(obstacle.name): k for k, obstacle in enumerate(self.scene.obstacles)}
+        return {name: numbers[name] for name in self.rows if name in numbers}
+
+    @cached_property
+    def movable(self) -> dict[str, int]:
+        """`place_of` -> number of an obstacle that a move takes away; a wall has no end."""
+        found = {k: self.scene.obstacles[k] for k in self.obstacles.values()}
+        return {place_of(o.name): k for k, o in found.items() if np.isfinite(o.half_thickness)}
+
+    def start_shift(self, k: int, q: Array) -> Array:
+        """(3,) a short move [m] that takes obstacle k out of the way of the posture q (n,); zeros where none does."""
+        scene, obstacle, chosen = self.scene, self.scene.obstacles[k], list(self.scene.against[k])
+        start, end = (ends[0, chosen] for ends in scene.placed.segments(q[None]))
+        ways = np.array([way for way in product((-1.0, 0.0, 1.0), repeat=3) if way != (0.0, 0.0, 0.0)])
+        shifts = (ways / np.linalg.norm(ways, axis=1, keepdims=True))[:, None] * _SHIFTS_TRIED_M[:, None]
+        back = shifts[:, :, None]
+        away = obstacle.distance(start - back, end - back) - scene.placed.radii[chosen]
+        clear: Mask = np.all(away >= scene.margin, axis=2)
+        first = np.where(clear.any(axis=1), clear.argmax(axis=1), len(_SHIFTS_TRIED_M))
+        way = int(np.argmin(first))
+        return np.asarray(shifts[way, first[way]]) if first[way] < len(_SHIFTS_TRIED_M) else np.zeros(3)
+
+    def _most(self, obstacle: Obstacle) -> float:
+        """By how much an obstacle can be made smaller [m]; of one without end any length."""
+        return min(max(obstacle.half_thickness - LEAST_THICKNESS_M, 0.0), 1e3)
+
+
+def gives_enough(obstacles: Sequence[Obstacle], name: str, by: float) -> Obstacle | None:
+    """The named obstacle made smaller [m], or None if too little is left."""
+    obstacle = next(o for o in obstacles if o.name == name)
+    return obstacle.smaller(by) if by <= obstacle.half_thickness - LEAST_THICKNESS_M else None

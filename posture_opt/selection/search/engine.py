@@ -1,24 +1,24 @@
-"""``Engine``: the functions that screen, lead and improve the postures of one optimisation problem, built once."""
+"""``Engine``: the functions that screen, lead, improve and confirm postures of one optimisation problem, built once."""
 
 from __future__ import annotations
 
 import math
 import pickle
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from posture_opt.collision.contacts import Contacts, ContactSlack
 from posture_opt.model.compiled import BatchFunction
 from posture_opt.model.toolchain import find_compiler
-from posture_opt.numerics import TURN, Array, Codes, DerivedAgain
+from posture_opt.numerics import TURN, Array, Codes, DerivedAgain, Json, finite_or_none
 from posture_opt.robot.robot import Robot
+from posture_opt.selection.program.nlp import Nlp
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.program.task_target import TaskTarget
-from posture_opt.selection.search.confirmation import ConfirmingSolver
 from posture_opt.selection.search.elastic_problem import ElasticProblem
 from posture_opt.selection.search.inverse_kinematics import (
     ROW_TOLERANCE,
@@ -28,7 +28,7 @@ from posture_opt.selection.search.inverse_kinematics import (
     request_for,
 )
 from posture_opt.selection.search.local_search import LocalOptima, LocalSearch
-from posture_opt.selection.solvers import Outcome, Polish, Solver
+from posture_opt.selection.solvers import Ends, Outcome, Polish, Solver
 
 
 @dataclass(frozen=True)
@@ -48,8 +48,7 @@ class CandidatePosture:
         return self.violation <= ROW_TOLERANCE
 
 
-STEPS = 60
-"""Of a local search that is followed to its end."""
+STEPS = 60  # of a local search that is followed to its end
 
 
 @dataclass(frozen=True)
@@ -70,7 +69,7 @@ class Engine(DerivedAgain):
 
     @cached_property
     def contacts(self) -> Contacts | None:
-        """What the search keeps apart by exact distances; None where rows of the program do so, or nothing does."""
+        """Contacts kept by exact distances in the search, or None with rows in their place."""
         scene = self.optimisation_problem.scene
         wanted = self.exact and scene is not None and self.compiled is not False and find_compiler()
         return scene.contacts if scene is not None and wanted else None
@@ -111,7 +110,7 @@ class Engine(DerivedAgain):
 
     @cached_property
     def fallback_solver(self) -> Polish:
-        """The solver of the problem, for what the local search does not settle: seldom, so that it is not compiled."""
+        """The solver for starts that the local search does not settle: seldom, so not compiled."""
         return self.solver.build(self.optimisation_problem.nlp)
 
     @cached_property
@@ -137,7 +136,7 @@ class Engine(DerivedAgain):
         return self.local.descend(Q, target.parameters, self.held(target).rows, steps, state)
 
     def descended_each(self, Q: Array, targets: Sequence[TaskTarget], of: Codes, steps: int) -> LocalOptima:
-        """The same, the posture in row r (N, n) for ``targets[of[r]]``."""
+        """As `descended`, the posture in row r (N, n) for ``targets[of[r]]``."""
         parameters = np.array([target.parameters for target in targets])[of]
         held = np.vstack([self.held(target).rows for target in targets])[of]
         return self.local.descend(Q, parameters, held, steps)
@@ -189,7 +188,7 @@ class Engine(DerivedAgain):
         return ends
 
     def confirmed(self, candidate: CandidatePosture, target: TaskTarget) -> CandidatePosture:
-        """The same candidate, or where IPOPT goes on to from one that is no optimum."""
+        """The candidate, or where IPOPT goes on to from one without optimality."""
         better = candidate if candidate.optimal else self._fallback_solution(candidate, target)
         return candidate if better is candidate else self.tidied([better], target)[0]
 
@@ -210,9 +209,7 @@ class Engine(DerivedAgain):
         return clusters(Q, self.robot, size, self.indifferent)
 
     def tidied(self, candidates: Sequence[CandidatePosture], target: TaskTarget) -> list[CandidatePosture]:
-        """The same postures with joints that do not matter at zero, whole turns taken off and angles rounded where that
-        is free.
-        """
+        """Candidates with indifferent joints at zero, whole turns taken off, angles rounded where free."""
         if not candidates:
             return []
         tidy = self._tidy(np.array([candidate.q for candidate in candidates]), target)
@@ -295,3 +292,95 @@ def clusters(Q: Array, robot: Robot, size: Codes | None = None, ignored: Sequenc
                 first.append(k)
                 left ^= row
     return np.array(first, dtype=int), np.bincount(cluster, size, len(first)).astype(int)
+
+
+@dataclass(frozen=True)
+class Confirmation:
+    """What a solver says of an optimum."""
+
+    name: str
+    iterations: int  # over all postures that went through it
+    kkt: float  # largest scaled residual of the optimality conditions
+    agrees: float  # relative difference of σ from what it was given
+    taken: bool = False  # its end is the answer, as it is better
+    q: Array = field(default_factory=lambda: np.zeros(0), repr=False)
+    row_multipliers: Array = field(default_factory=lambda: np.zeros(0), repr=False)
+    bound_multipliers: Array = field(default_factory=lambda: np.zeros(0), repr=False)
+
+    @property
+    def differs(self) -> bool:
+        return not self.agrees <= 1e-6
+
+    @property
+    def refutes(self) -> bool:
+        """Whether the solver left for something visibly different that is not the answer."""
+        return not self.taken and self.agrees > 1e-3  # visible in three digits
+
+    def to_json(self) -> dict[str, Json]:
+        """In the part ``solver`` of a document."""
+        kkt, agrees = finite_or_none(self.kkt), finite_or_none(self.agrees)
+        return {"name": self.name, "iterations": self.iterations, "kkt": kkt, "agrees": agrees}
+
+
+# The same of an answer that the search alone gave.
+UNCONFIRMED_JSON: dict[str, Json] = {"name": "search", "iterations": 0, "kkt": None, "agrees": None}
+
+
+def joined_confirmation(every: Sequence[Confirmation | None]) -> Confirmation | None:
+    """Largest residual and difference over several answers, or None unless all have one."""
+    known = [one for one in every if one is not None]
+    if not known or len(known) < len(every):
+        return None
+    kkt, agrees = (float(np.max([getattr(one, name) for one in known])) for name in ("kkt", "agrees"))
+    return Confirmation(
+        known[0].name, sum(one.iterations for one in known), kkt, agrees, any(one.taken for one in known)
+    )
+
+
+NEAR_ROW_M = 0.02  # distance from its end [m] up to which a row that keeps the arm clear takes part from the beginning
+
+_Rows: TypeAlias = tuple[int, ...]
+
+
+class ConfirmingSolver:
+    """Solves a nonlinear program from postures that are optima, or nearly so."""
+
+    def __init__(self, nlp: Nlp, solver: Solver) -> None:
+        self._nlp, self._solver = nlp, solver
+        self._built: dict[_Rows, Polish] = {}
+
+    def solvable(self, parameters: Array) -> bool:
+        """Whether there are no more equalities than variables, which is what an interior-point method takes."""
+        low, high, row_low, row_high = self._nlp.ends(parameters)
+        return int(np.count_nonzero(row_low == row_high)) <= int(np.count_nonzero(low < high))
+
+    def solve(self, q: Array, parameters: Array, ends: Ends | None = None) -> Outcome:
+        """Where the solver ends from q (n,) [rad or m]; multipliers (m,) and (n,), zero of rows that took no part."""
+        low, high, row_low, row_high = self._nlp.ends(parameters) if ends is None else ends
+        chosen = self._beyond(q, parameters, row_low + NEAR_ROW_M, row_high - NEAR_ROW_M)
+        chosen |= {k for k, row in enumerate(self._nlp.rows) if not row.convex}
+        while True:
+            rows = tuple(sorted(chosen))
+            kept = np.array(rows, dtype=int)
+            found = self._polish(rows)(q, parameters, (low, high, row_low[kept], row_high[kept]))
+            missed = self._beyond(found.x, parameters, row_low - ROW_TOLERANCE, row_high + ROW_TOLERANCE) - chosen
+            if not missed:
+                break
+            chosen |= missed
+        multipliers = np.zeros(len(self._nlp.rows))
+        multipliers[kept] = found.row_multipliers
+        return replace(found, row_multipliers=multipliers)
+
+    def _beyond(self, q: Array, parameters: Array, low: Array, high: Array) -> set[int]:
+        """The rows whose values are outside of (m,) ends."""
+        if not any(row.convex for row in self._nlp.rows):
+            return set()
+        value = self._nlp.row_values.one(q, parameters)
+        return {int(k) for k in np.flatnonzero((value < low) | (value > high))}
+
+    def _polish(self, rows: _Rows) -> Polish:
+        if rows not in self._built:
+            whole = len(rows) == len(self._nlp.rows)
+            nlp = self._nlp if whole else self._nlp.with_rows(rows)
+            self._built[rows] = self._solver.build(nlp, confirms=True)
+        return self._built[rows]

@@ -26,14 +26,10 @@ from posture_opt.selection.program.optimisation_problem import Alignment
 from posture_opt.selection.program.task_target import FREE, Reach, TaskTarget, spin_axis
 from posture_opt.selection.tasks import Task
 
-ROW_TOLERANCE = 1e-6
-"""Largest violation of a row [m, rad or 1] of a posture that counts as feasible."""
-TOLERANCE = 1e-7
-"""Largest error [m and rad, combined] of a posture that counts as feasible."""
-STEPS = 20
-"""What has not arrived by then is given up: on 36 arms the fewest steps for an arrival, failures counted."""
-PATIENT_STEPS = 48
-"""Where nothing arrived: near a singular posture steps converge slowly."""
+ROW_TOLERANCE = 1e-6  # largest violation of a row [m, rad or 1] of a posture that counts as feasible
+TOLERANCE = 1e-7  # largest error [m and rad, combined] of a posture that counts as feasible
+STEPS = 20  # what has not arrived by then is given up: on 36 arms the fewest steps for an arrival, failures counted
+PATIENT_STEPS = 48  # where nothing arrived: near a singular posture steps converge slowly
 STALL_WINDOW = 5  # a part of the steps in which an error that falls by less than `STALL_RATIO` will not get to zero:
 STALL_RATIO = 0.9  # of a Panda's arrivals 4 % are lost, and each costs a quarter fewer steps; of a UR10's 1 % and 13 %
 LONGEST_IK_STEP = 1.0  # rad or m: longer steps of a linear model of a rotation mean nothing
@@ -98,7 +94,7 @@ class InverseKinematics:
         return BatchFunction(self.step, compiled=False)
 
     def random_postures(self, count: int, rng: np.random.Generator) -> Array:
-        """(count, n) postures drawn uniformly between the limits, in one turn of them where turns are alike."""
+        """(count, n) uniform postures between the limits, in one turn where turns are alike."""
         low, high = self._drawn
         return rng.uniform(low, high, (count, len(low)))
 
@@ -145,7 +141,7 @@ class InverseKinematics:
         error[after] = np.inf
 
     def reached(self, groups: Sequence[Array], requests: Sequence[PoseRequest]) -> list[Array]:
-        """Of each group of postures (M, n) those that reach its request, in one batch with the first one's weights."""
+        """Postures of each group (M, n) that reach its request, in one batch with the first one's weights."""
         rows = [np.broadcast_to(request.rows, (len(Q), WIDTH)) for request, Q in zip(requests, groups, strict=True)]
         position, axis, spin, _, slack, cone = np.split(np.vstack(rows), PARTS[1:-1], axis=1)
         batch = PoseRequest(position, axis, spin, requests[0].weights, slack, cone)
@@ -156,7 +152,7 @@ class InverseKinematics:
 
 
 def unlimited(arm: Arm) -> Arm:
-    """The same arm with joints that turn freely and slides that go far."""
+    """The arm with joints that turn freely and slides that go far."""
     joints = tuple(
         replace(j, lower=-2 * np.pi, upper=2 * np.pi)
         if j.type == "revolute"
@@ -215,10 +211,8 @@ def _outside_cone(difference: ca.SX, cone: ca.SX) -> ca.SX:
     return difference * ca.fmax(1 - cone / length, 0)
 
 
-PARTS = (0, 3, 6, 9, 12, 15, 16)
-"""Where position, axis, spin, weights, slack and cone of a request begin."""
-WIDTH = PARTS[-1]
-"""Numbers of one request."""
+PARTS = (0, 3, 6, 9, 12, 15, 16)  # where position, axis, spin, weights, slack and cone of a request begin
+WIDTH = PARTS[-1]  # numbers of one request
 _INSIDE = 0.999  # of the tilt: an axis drawn a little inside the cone satisfies the row, an inequality
 
 

@@ -40,8 +40,8 @@ from posture_opt.selection.search.quadratic_model import (
 
 MET = 1e-9  # m, rad or 1: violation of a row at an optimum, as IPOPT is asked for
 
+# What the loop receives of contacts where there are none.
 _NOTHING_APART: tuple[int | float | Array, ...] = (0, 0, *[np.zeros(1)] * 5, 0.0)
-"""What the loop receives of contacts where there are none."""
 
 
 @dataclass(frozen=True)
@@ -159,7 +159,7 @@ class LocalSearch:
         return Curved(model, hessian(q, parameters, weights).reshape(len(q), q.shape[1], q.shape[1]))
 
     def _trial(self, q: Array, curved: Curved, radius: Array, request: Array) -> tuple[Array, Array, Array]:
-        """Where steps within a radius (N,) lead to (N, n), how long they are (N,) and the next multipliers."""
+        """Ends (N, n) of steps within a radius (N,), their lengths (N,) and the next multipliers."""
         lower, upper = self._nlp.variable_bounds
         step, following = curved.advanced(radius)
         trial, _ = self._batches[3](np.clip(q + step, lower, upper), request)
@@ -167,7 +167,7 @@ class LocalSearch:
 
 
 def _reported(curved: Curved, objective: Array, result: Array, rows: Codes, tolerance: float) -> Mask:
-    """Which points are optimal; what is known of all of them is written to the rows of ``result``."""
+    """Mask of optimal points; results of all are written to the rows of ``result``."""
     model = curved.model
     beyond = np.maximum(model.low - model.value, model.value - model.high)[:, : model.m]
     violation, stationarity = np.max(beyond, axis=1, initial=0.0), model.stationarity
@@ -177,7 +177,7 @@ def _reported(curved: Curved, objective: Array, result: Array, rows: Codes, tole
 
 
 def _no_worse(here: list[Array], there: Sequence[Array], y: Array, violation: Array) -> Mask:
-    """Which steps, to values ``there``, leave the merit with the next multipliers as it is or less."""
+    """Steps to values ``there`` after which the merit with the next multipliers has not grown."""
     m = here[1].shape[1]
     before, after = (merit(f[:, 0], g, low, high, y[:, :m]) for f, g, low, high in (here, there))
     return np.asarray(
@@ -202,8 +202,8 @@ class Derivatives(NamedTuple):
         x, p, m = nlp.x, nlp.p, len(nlp.rows)
         # Before differentiation: what is alike in a program is alike in its derivatives, which are ten times as long.
         f, g = ca.cse([nlp.objective, nlp.g])
-        low, high = ([getattr(row, end) for row in nlp.rows] for end in ("lower", "upper"))
-        ends = ca.fmax(_column(low), -INFINITE_BOUND), ca.fmin(_column(high), INFINITE_BOUND)
+        low, high = nlp.row_ends
+        ends = ca.fmax(low, -INFINITE_BOUND), ca.fmin(high, INFINITE_BOUND)
         weights = ca.SX.sym("weights", m)
         slopes = ca.gradient(f, x), ca.jacobian(g, x)
         hessian = ca.hessian(f + ca.dot(weights, g), x)[0]
@@ -214,11 +214,6 @@ class Derivatives(NamedTuple):
         )
 
 
-def _column(entries: list[ca.SX]) -> ca.SX:
-    """Entries (m,) in one column, also where there are none."""
-    return ca.vertcat(*entries) if entries else ca.SX(0, 1)
-
-
 def _dense(*outputs: ca.SX) -> list[ca.SX]:
-    """Expressions as the outputs of a function, with what is structurally zero."""
+    """Expressions as outputs of a function, structural zeros included."""
     return [ca.densify(ca.SX(output)) for output in outputs]

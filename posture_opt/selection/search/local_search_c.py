@@ -392,5 +392,5 @@ long long posture_opt_loop(long long rows, long long n, long long own, double* q
 }
 """
 
+# C text of ``posture_opt_loop``, around the functions ``values``, ``slopes``, ``hessian`` and ``restore``.
 LOOP_TEXT = "".join([CONTACTS_TEXT, *_DEFINED, _MODEL, _LOOP])
-"""C text of ``posture_opt_loop``, around the functions ``values``, ``slopes``, ``hessian`` and ``restore``."""

@@ -53,7 +53,7 @@ class QuadraticModel:
     A: Array  # (N, m, n) of the rows
 
     def at(self, rows: Codes | Mask) -> Self:
-        """The models of some of the points, with all that is known of them."""
+        """Models of some points, with their cached quantities."""
         some = type(self)(*(getattr(self, field.name)[rows] for field in fields(self)))
         some.__dict__.update(_of_rows(self.__dict__, rows))
         return some
@@ -64,7 +64,7 @@ class QuadraticModel:
 
     @cached_property
     def equal(self) -> Mask:
-        """(N, m + n) whether both ends are the same."""
+        """(N, m + n) equalities."""
         return np.asarray(self.low == self.high)
 
     @cached_property
@@ -141,7 +141,7 @@ class QuadraticModel:
 
     @cached_property
     def projector(self) -> Array:
-        """(N, n, n) onto the directions that keep the rows of the working set and what is held."""
+        """(N, n, n) onto directions along the working set's rows and bounds."""
         Q, _ = self._orthonormal
         free = ~self.working[:, self.m :]
         return np.asarray(np.einsum("kj,jl->kjl", free, np.eye(free.shape[1])) - np.einsum("kij,kil->kjl", Q, Q))
@@ -155,14 +155,14 @@ class Curved:
     H: Array
 
     def at(self, rows: Codes | Mask) -> Self:
-        """The models of some of the points, with all that is known of them."""
+        """Models of some points, with their cached quantities."""
         some = type(self)(self.model.at(rows), self.H[rows])
         some.__dict__.update(_of_rows({k: v for k, v in self.__dict__.items() if k not in ("model", "H")}, rows))
         return some
 
     @cached_property
     def _axes(self) -> tuple[Array, Array]:
-        """Curvatures (N, n) along unit vectors, the columns of (N, n, n): infinite along those that are not free."""
+        """Curvatures (N, n) along unit vectors, columns of (N, n, n); infinite along held directions."""
         P = self.model.projector
         size = 1 + 2 * np.max(np.sum(np.abs(self.H), axis=2), axis=1)[:, None, None]
         values, axes = np.linalg.eigh(P @ self.H @ P + size * (np.eye(P.shape[1]) - P))
@@ -178,7 +178,7 @@ class Curved:
 
     @cached_property
     def indefinite(self) -> Mask:
-        """(N,) whether the Hessian bends downwards along what is free."""
+        """(N,) negative curvature along a free direction."""
         return np.asarray(np.min(self._axes[0], axis=1) < -self._floor)
 
     def step(self, radius: Array) -> Array:

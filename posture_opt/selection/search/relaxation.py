@@ -20,8 +20,7 @@ from posture_opt.selection.program.task_target import Reach, TaskTarget
 from posture_opt.selection.search.elastic_problem import AXIS, HELD, LIMITS, TARGET, Compromise, ElasticProblem
 from posture_opt.units import JointQuantity
 
-YAW = "yaw"
-"""The requirement to hold the spin of the tool."""
+YAW = "yaw"  # the requirement to hold the spin of the tool
 VISIBLE_EXCESS = 1e-6  # rad or m beyond a limit that is worth a word
 
 
@@ -46,7 +45,7 @@ class Relaxation:
     changes: tuple[Change, ...] = ()  # of keys of the problem file
 
     def to_json(self) -> dict[str, Json]:
-        """Plain numbers, SI; ``set`` maps keys of the problem file to what they would be, null where they would go."""
+        """SI; ``set`` maps keys of the problem file to new values, null for entries to remove."""
         return {
             "change": self.change,
             "reasons": [vars(reason) for reason in self.reasons],
@@ -65,7 +64,7 @@ def plane_reason(reach: Reach, target: TaskTarget) -> Reason | None:
 
 @dataclass(frozen=True)
 class Reasons:
-    """The reasons that the compromise ``way`` shows: what is missed at its posture."""
+    """Requirements missed at the posture of the compromise ``way``."""
 
     problem: OptimisationProblem
     elastic: ElasticProblem
@@ -73,7 +72,7 @@ class Reasons:
     way: Compromise
 
     def of(self, names: Sequence[str]) -> tuple[Reason, ...]:
-        """What is missed of the requirements ``names``, as far as anything is."""
+        """Reasons of the requirements ``names``, if missed."""
         lacking = self.way.lacking
         return tuple(reason for name in names if lacking[name] > 0 for reason in self._of_one(name, lacking[name]))
 
@@ -226,8 +225,8 @@ def stated_apart(stated: float, other: float, unit: str) -> str:
     return shown_apart(stated, other, unit)[0]
 
 
+# SI unit -> factor to the unit of files, and its name; a Jacobian's are lengths there, others are as they are.
 _FILE_UNITS = {"m": (1e3, "mm"), "rad": (math.degrees(1.0), "deg"), "m/rad": (1e3, "mm")}
-"""SI unit -> factor to the unit of files, and its name; a Jacobian's are lengths there, others are as they are."""
 
 
 @dataclass(frozen=True)

@@ -18,16 +18,13 @@ from posture_opt.collision.contacts import ContactSlack
 from posture_opt.collision.scene import Scene
 from posture_opt.numerics import Array, Json, Mask
 from posture_opt.selection.program.task_target import TaskTarget
-from posture_opt.selection.search.confirmation import UNCONFIRMED_JSON, Confirmation
-from posture_opt.selection.search.engine import CandidatePosture, Engine
+from posture_opt.selection.search.engine import UNCONFIRMED_JSON, CandidatePosture, Confirmation, Engine
 from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE, TOLERANCE, PoseRequest
 from posture_opt.selection.search.multistart import MultistartResult, Sampled, as_good, rank
 from posture_opt.selection.solvers import Outcome
 
-Seek = Callable[[Engine], "tuple[MultistartResult, Sweep | None]"]
-"""A search with the functions of one engine."""
-Keeper = Scene | ContactSlack
-"""What says by how much postures keep the distances that are asked for."""
+Seek = Callable[[Engine], "tuple[MultistartResult, Sweep | None]"]  # a search with the functions of one engine
+Keeper = Scene | ContactSlack  # what says by how much postures keep the distances that are asked for
 DISTANCE_ROUNDING = 1e-9  # m: rounding of a distance
 
 
@@ -38,31 +35,34 @@ class SearchOutcome:
     engine: Engine
     found: MultistartResult
     swept: Sweep | None  # None where the problem allows none
-    by_starts: tuple[CandidatePosture, ...]  # feasible
     by_sweep: tuple[CandidatePosture, ...]
 
     @classmethod
     def of(cls, engine: Engine, found: MultistartResult, swept: Sweep | None) -> SearchOutcome:
         """The feasible postures of a search, the best one of its sweep improved."""
         by_sweep = () if swept is None else (engine.polished(swept.best, found.target),)
-        return cls(engine, found, swept, tuple(c for c in found.found if c.feasible), by_sweep)
+        return cls(engine, found, swept, by_sweep)
+
+    @property
+    def by_starts(self) -> tuple[CandidatePosture, ...]:
+        """The feasible ones."""
+        return tuple(c for c in self.found.found if c.feasible)
 
     @cached_property
     def feasible(self) -> list[CandidatePosture]:
         return sorted(self.by_starts + self.by_sweep, key=rank)
 
     def clear_of(self, scene: Keeper) -> SearchOutcome | None:
-        """The outcome without what collides; None where nothing that is clear is as good as the best of all."""
+        """The outcome without collisions, or None if nothing clear is as good as the best."""
         by_starts, by_sweep = (clear_ones(group, scene) for group in (self.by_starts, self.by_sweep))
         left = sorted(by_starts + by_sweep, key=rank)
         if not left or left[0].objective > as_good(self.feasible[0].objective):
             return None
-        sampled = self.found.sampled
-        clear = is_clear(scene, sampled.Q)
+        sampled, clear = self.found.sampled, is_clear(scene, self.found.sampled.Q)
         others = tuple(c for c in self.found.found if not c.feasible)
         kept = Sampled(sampled.robot, sampled.Q[clear], sampled.sigma[clear])
         found = replace(self.found, found=by_starts + others, sampled=kept)
-        return replace(self, found=found, by_starts=by_starts, by_sweep=by_sweep)
+        return replace(self, found=found, by_sweep=by_sweep)
 
 
 def searched(seek: Seek, free: Engine, guarded: Callable[[], Engine], scene: Keeper) -> SearchOutcome:
@@ -78,7 +78,7 @@ def searched(seek: Seek, free: Engine, guarded: Callable[[], Engine], scene: Kee
 
 
 def clear_ones(candidates: tuple[CandidatePosture, ...], scene: Keeper) -> tuple[CandidatePosture, ...]:
-    """Those that keep the distance that is asked for, by exact distances."""
+    """Candidates at the required distance, by exact distances."""
     if not candidates:
         return ()
     clear = is_clear(scene, np.array([candidate.q for candidate in candidates]))
@@ -112,44 +112,20 @@ class SearchStatistics:
     starts: int  # random postures that arrived
     tried: int  # random postures
     polished: int  # local searches
-    converged: int  # distinct optima by first-order conditions
-    distinct: int  # local optima
-    hits: int  # starts that ended at the best one
     sampled: Sampled  # starts that met every requirement
-    sweep: Sweep | None
-    sweep_sigma: float  # its best [m]
-    batches: int
-    recurred: int  # batches that found the best optimum
     seconds: float
+    converged: int = 0  # distinct optima by first-order conditions
+    distinct: int = 0  # local optima
+    hits: int = 0  # starts that ended at the best one
+    batches: int = 1
+    recurred: int = 0  # batches that found the best optimum
+    sweep: Sweep | None = None
     confirmation: Confirmation | None = None
 
-    @classmethod
-    def of(
-        cls,
-        found: MultistartResult,
-        swept: Sweep | None,
-        feasible: Sequence[CandidatePosture],
-        best: CandidatePosture,
-        distinct: int,
-        seconds: float,
-        confirmation: Confirmation | None = None,
-    ) -> SearchStatistics:
-        """What the search did; ``feasible`` are the answers that its starts led to, ``best`` is the final one."""
-        return cls(
-            starts=found.arrived,
-            tried=found.tried,
-            polished=found.polished,
-            converged=sum(c.optimal for c in feasible),
-            distinct=distinct,
-            hits=found.hits if found.found and found.found[0].objective <= as_good(best.objective) else 0,
-            sampled=found.sampled,
-            sweep=swept,
-            sweep_sigma=math.nan if swept is None else swept.best.sigma,
-            batches=found.batches,
-            recurred=found.recurred,
-            seconds=seconds,
-            confirmation=confirmation,
-        )
+    @property
+    def sweep_sigma(self) -> float:
+        """The best of the sweep [m]; NaN without one."""
+        return math.nan if self.sweep is None else self.sweep.best.sigma
 
     @property
     def feasible(self) -> int:
@@ -167,20 +143,10 @@ class SearchStatistics:
 
     def to_json(self) -> dict[str, Json]:
         """The part ``solver`` of ``solution.json``."""
-        counts = (
-            "starts",
-            "feasible",
-            "tried",
-            "polished",
-            "converged",
-            "distinct",
-            "hits",
-            "batches",
-            "recurred",
-            "seconds",
-        )
+        names: tuple[str, ...] = ("starts", "feasible", "tried", "polished", "converged")
+        names += ("distinct", "hits", "batches", "recurred", "seconds")
         said = UNCONFIRMED_JSON if self.confirmation is None else self.confirmation.to_json()
-        return {**said, **{name: getattr(self, name) for name in counts}}
+        return {**said, **{name: getattr(self, name) for name in names}}
 
 
 def sweep(engine: Engine, target: TaskTarget, rng: np.random.Generator) -> Sweep | None:
@@ -210,7 +176,7 @@ def _spun(engine: Engine, target: TaskTarget, rng: np.random.Generator) -> Array
 
 
 def _evaluate(engine: Engine, target: TaskTarget, Q: Array, over: str) -> Sweep | None:
-    """The best feasible posture of Q (N, n), and how many there are; None where there is none."""
+    """The best feasible posture of Q (N, n) and their number, or None."""
     if not len(Q):
         return None
     objective, violation = (column[:, 0] for column in engine.screen(Q, target.parameters)[:2])
@@ -258,7 +224,7 @@ def _rivals(best_first: Sequence[CandidatePosture]) -> Sequence[CandidatePosture
 def _ended(
     engine: Engine, start: CandidatePosture, target: TaskTarget, scene: Scene
 ) -> tuple[CandidatePosture | None, Confirmation]:
-    """Where the solver ends, None where that is no optimum; a worse end is tried once more with a larger barrier."""
+    """Where the solver ends, or None; a worse end is tried once more with a larger barrier."""
     parameters = target.parameters
     first = _said(engine, start, target, scene, engine.confirming.solve(start.q, parameters))
     if not first[1].differs or (first[0] is not None and first[0].objective < start.objective):

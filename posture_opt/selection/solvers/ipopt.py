@@ -11,8 +11,8 @@ from pydantic import Field
 from posture_opt.selection.program.nlp import Nlp, NonlinearSolver, Outcome
 from posture_opt.selection.solvers.solver import Ends, Polish, Solver
 
+# Of the optimality conditions at an optimum that another method found: a thousandth of what that is asked for.
 CONFIRMING_TOLERANCE = 1e-9
-"""Of the optimality conditions at an optimum that another method found: a thousandth of what that is asked for."""
 
 
 class Ipopt(Solver):

@@ -16,11 +16,10 @@ from posture_opt.limits import MOST_STARTS
 from posture_opt.selection.program.nlp import Nlp, Outcome
 from posture_opt.spec import Spec
 
+# Lower and upper ends of the variables (n,), then of the rows (m,).
 Ends = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-"""Lower and upper ends of the variables (n,), then of the rows (m,)."""
 
-Polish = Callable[[np.ndarray, np.ndarray, Ends], Outcome]
-"""(start (n,), target parameters, ends) -> outcome."""
+Polish = Callable[[np.ndarray, np.ndarray, Ends], Outcome]  # (start (n,), target parameters, ends) -> outcome
 
 
 class Solver(Spec):
@@ -30,8 +29,7 @@ class Solver(Spec):
     same seed gives the same answer, whatever the number of workers.
     """
 
-    summary: ClassVar[str]
-    """One line for ``optimize-posture list``."""
+    summary: ClassVar[str]  # one line for ``optimize-posture list``
 
     kind: str
     starts: int | None = Field(

@@ -13,7 +13,7 @@ from posture_opt.selection.stations.placed_stations import PlacedStations, Postu
 
 @dataclass(frozen=True)
 class BenchMap:
-    """The best spread over two coordinates of the placement, the others as in the answer."""
+    """Best spread over two coordinates of the placement, the others as in the answer."""
 
     axes: tuple[int, int]  # which two coordinates, 0 to 3
     values: tuple[Array, Array]  # of each of them [m or rad]
@@ -47,7 +47,6 @@ def _bench_map(placed: PlacedStations, w: Array, postures: Array) -> BenchMap | 
 
 
 def _spread_out(placed: PlacedStations, found: Postures) -> Postures:
-    """Placements without a posture tried again, from those of feasible ones beside them: rare branches spread."""
     rng = np.random.default_rng(1)
     for _ in range(2):
         feasible = (found.gap == 0).all(axis=1)
@@ -62,6 +61,6 @@ def _spread_out(placed: PlacedStations, found: Postures) -> Postures:
 
 
 def placement_sigma(placed: PlacedStations, found: Postures) -> Array:
-    """(M,) standard deviation [m] at each placement: of the worst feature, or the mean; infinite where one fails."""
+    """(M,) standard deviation [m] of the worst feature, or the mean; infinite where one fails."""
     sigma = np.where(found.gap == 0, found.sigma, np.inf)
     return combined_sigma(placed.combine, sigma)

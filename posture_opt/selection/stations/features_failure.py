@@ -13,14 +13,12 @@ import numpy as np
 from posture_opt.collision.cell import base_frame
 from posture_opt.errors import NoSolutionError
 from posture_opt.numerics import Array, Json
-from posture_opt.selection.answer.infeasible import SEARCH, first_that_does, words_of
-from posture_opt.selection.answer.infeasible_stations import explain_stations
+from posture_opt.selection.answer.infeasible import SEARCH, explain_stations, first_that_does, words_of
 from posture_opt.selection.answer.placement import COORDINATES, PlacementRange, PlacementStatistics
 from posture_opt.selection.answer.selector import PostureSelector
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.problem_data import ProblemData
-from posture_opt.selection.search.batches import usual_starts
-from posture_opt.selection.search.multistart import multistart
+from posture_opt.selection.search.multistart import multistart, usual_starts
 from posture_opt.selection.search.relaxation import (
     Change,
     ChangedValue,
@@ -99,7 +97,7 @@ def _led_back(stations: PlacedStations, W: Array, rng: np.random.Generator) -> A
 
 @dataclass(frozen=True, eq=False)
 class FeaturesFailure:
-    """The inquiry into a search that found no placement at which every feature can be done."""
+    """Inquiry into a search that found no placement for all features."""
 
     problem: ProblemData
     task: Task
@@ -142,7 +140,6 @@ class FeaturesFailure:
         return NoSolutionError("\n".join(reason.message for reason in reasons), solution)
 
     def _for_all(self, w: Array, failed: Sequence[int]) -> tuple[Relaxation, ...]:
-        """Changes of requirements with which every feature can be done."""
         targets = [self.stations.at(w)[k] for k in failed]
         engine = self.stations.engines[failed[0]]
         found = multistart(engine, targets[0], np.random.default_rng(self.seed), usual_starts(engine))
@@ -154,7 +151,6 @@ class FeaturesFailure:
         return self.does(with_changes(self.problem, changes))
 
     def _moves(self) -> list[Relaxation]:
-        """Where the workpiece could stand, or how it could be turned, for every feature to be possible."""
         found, box = [], self.stations.placement
         moved, turned = nearest_feasible(self.stations, self.seed), turned_feasible(self.stations, self.seed)
         if turned is not None and np.any(np.clip(turned, box.lower, box.upper)[:3] != turned[:3]):

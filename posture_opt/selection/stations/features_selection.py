@@ -12,11 +12,17 @@ import numpy as np
 
 from posture_opt.errors import InputError, Issue, NoSolutionError
 from posture_opt.numerics import Array, Progress
-from posture_opt.selection.answer.placement import PlacementFigure, PlacementRange, PlacementStatistics
+from posture_opt.selection.answer.placement import (
+    PlacementFigure,
+    PlacementRange,
+    PlacementStatistics,
+    best_order,
+    nearest_ties,
+    nearest_turns,
+)
 from posture_opt.selection.answer.selector import PostureSelector
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.answer.target_answer import Status, critical_basis
-from posture_opt.selection.answer.visiting_order import best_order, nearest_ties, nearest_turns
 from posture_opt.selection.problem_data import ProblemData, with_fallbacks
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.search_outcome import confirmed, is_clear
@@ -32,7 +38,6 @@ from posture_opt.uncertainty.spread.success_of_all import PlaceErrors, success_o
 
 
 def _confirmed(solution: Solution) -> Solution:
-    """The answer with IPOPT's word on it, and its posture where that is better."""
     assert solution.engine is not None
     given = solution.engine.candidates(solution.q[None], solution.target)[0]
     (best, *_), said = confirmed(solution.engine, [given], solution.target, solution.problem.scene)
@@ -69,7 +74,6 @@ def postures_together(
 
 
 def _postures(solved: Solution, known: Array | None) -> Array:
-    """(B, n) clear postures of one feature: its optima, some that were seen, and a known one."""
     seen = solved.feasible[:: max(len(solved.feasible) // 12, 1)]
     rows = [solved.ranked, seen] if len(seen) else [solved.ranked]
     Q = np.vstack([solved.q[None], *rows, *([] if known is None else [known[None]])])
@@ -92,8 +96,6 @@ def select_for_features(
 
 @dataclass(frozen=True, eq=False)
 class _FeaturesSelection:
-    """The selection for one task with features."""
-
     problem: ProblemData
     task: Task
     placement: PlacementRange  # where the workpiece may stand
@@ -117,14 +119,12 @@ class _FeaturesSelection:
 
     @cached_property
     def _shared(self) -> Sources | None:
-        """Sources of which a part stays, where all are to succeed; a peg's ends are no one circle at each feature."""
         sources = self.problem.task_sources
         stays = bool(np.any(np.diag(sources.constant) > 0))
         return sources if self.task.combine == "success" and stays and self.task.part is None else None
 
     @cached_property
     def _selector(self) -> PostureSelector:
-        """Of one feature, by the probability to miss it where all are to succeed; placed features are its targets."""
         first = self.task.features[0]
         clearances = [c for c in (self.task.clearance, *(f.clearance for f in self.task.features)) if c is not None]
         given = {
@@ -137,7 +137,6 @@ class _FeaturesSelection:
         return PostureSelector(single, compiled=compiled, keeps_mounting=True, offers=False)
 
     def _stations(self, guarded: bool | None = None) -> PlacedStations:
-        """Features as stations; InputError for an axis that the arm cannot hold, or a yaw out of its plane."""
         selector, normal = self._selector, self._selector.reach.normal
         targets = tuple(self._target(selector, feature) for feature in self.task.features)
         at = [target.moved(self.placement.centre) for target in targets]
@@ -158,7 +157,6 @@ class _FeaturesSelection:
         return replace(target, clearance=np.nan if clearance is None else clearance, lever=lever)
 
     def _search(self, workers: int, progress: Progress | None) -> PlacementSearch:
-        """Without rows that keep the arm clear of itself, unless its best placement is not clear."""
         scene = self.problem.scene
 
         def clear(optimum: PlacementOptimum) -> bool:
@@ -178,7 +176,6 @@ class _FeaturesSelection:
         return not np.isfinite(found.loss[best]) or bool(is_clear(self.problem.scene, found.Q[best]).all())
 
     def _at(self, search: PlacementSearch, began: float) -> Solution:
-        """Every feature solved on its own where the workpiece is, from the joint answer and from random starts."""
         stations, optimum, every = search.stations, search.optima[0], search.screened
         solved = [
             self._selector.solve_target(target, self.seed, known=q if np.isfinite(q).all() else None)
@@ -202,7 +199,6 @@ class _FeaturesSelection:
         )  # fmt: skip
 
     def _figure(self, stations: PlacedStations, found: Postures, m: int) -> PlacementFigure:
-        """What the placement in row m costs, for comparison with the answer."""
         w, sigma = found.W[m], float(placement_sigma(stations, found)[m])
         if self.task.combine != "success" or not np.isfinite(sigma):
             return PlacementFigure(w, sigma, None)
@@ -233,7 +229,6 @@ class _FeaturesSelection:
         return joined_features(self.problem, solved, names, placement, status=status, notes=notes)
 
     def _ties(self, solved: Sequence[Solution]) -> Sequence[Solution]:
-        """Of postures that scatter alike, such as mirrored elbows, those that the joints travel least between."""
         if self.task.criterion != "worst" or self.task.combine == "success" or self.task.minimize:
             return solved
         options = []
@@ -244,7 +239,6 @@ class _FeaturesSelection:
         return [replace(s, q=each[k]) if k else s for s, each, k in zip(solved, options, chosen, strict=True)]
 
     def _where_it_stands(self, workers: int, progress: Progress | None, began: float) -> Solution:
-        """Answer for a fixed placement: single problems, joined by the order of visits."""
         selector, stations, w = self._selector, self._stations(), self.placement.lower
         solved: list[Solution] = []
         for k, target in enumerate(stations.at(w)):
@@ -268,13 +262,12 @@ class _FeaturesSelection:
         return FeaturesFailure(self.problem, self.task, self._stations(guarded=True), self.seed, self._selector, _does)
 
     def can_be_done(self) -> bool:
-        """Whether a placement is found at which every feature can be done; why not is not asked."""
+        """Whether a placement is found for all features; why not is not asked."""
         if self.placement.free.any():
             return bool(search_placement(self._stations(guarded=True), self.seed, wanted=1).optima)
         return all(self._selector.can_be_done(target) for target in self._stations().at(self.placement.lower))
 
     def _failure(self, search: PlacementSearch, began: float) -> NoSolutionError:
-        """The error with the placement at which least is missing, and why its features fail."""
         stations, every = search.stations, search.screened
         m = int(np.argmin(failing(every)))
         if self.problem.above_assumed_mounting:  # which is dropped first

@@ -22,7 +22,7 @@ from posture_opt.uncertainty.spread.success_of_all import ErrorParts, SharedDraw
 
 @dataclass(frozen=True)
 class Branches:
-    """What one feature may do at one placement."""
+    """Postures of one feature at one placement."""
 
     Q: Array  # (B, n) postures
     success: Array  # (B, N) probability given each draw of the errors that stay
@@ -87,7 +87,6 @@ def _greedy(features: Sequence[Branches]) -> Codes:
 
 
 def _exchanged(features: Sequence[Branches], chosen: Codes, loss: float) -> tuple[Codes, float]:
-    """The combination with postures exchanged one at a time, for as long as that lessens the loss."""
     success, log_miss, extra = (
         np.array([getattr(f, name)[b] for f, b in zip(features, chosen, strict=True)])
         for name in ("success", "log_miss", "extra")
@@ -114,7 +113,7 @@ _OF_STATION = ("main", "extra", "sigma", "gap")
 
 @dataclass(frozen=True)
 class Postures:
-    """The best posture found of each of K stations at each of M placements."""
+    """Best posture found of each of K stations at each of M placements."""
 
     W: Array  # (M, 4) placements
     Q: Array  # (M, K, n) postures, NaN where nothing was found

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from posture_opt.numerics import Array, Progress
-from posture_opt.selection.search.batches import independent_batches, recurrences
+from posture_opt.selection.search.multistart import independent_batches, recurrences
 from posture_opt.selection.stations.placed_stations import PlacedStations, Postures
 from posture_opt.selection.stations.stations_problem import StationsOutcome, StationsPoint
 
@@ -28,18 +28,18 @@ class PlacementOptimum:
 
     @property
     def w(self) -> Array:
-        """(4,) the placement."""
+        """(4,) [m, rad]."""
         return np.asarray(self.found.W[0])
 
     @property
     def postures(self) -> Array:
-        """(K, n) of the stations."""
+        """(K, n) [rad or m]."""
         return np.asarray(self.found.Q[0])
 
 
 @dataclass(frozen=True)
 class PlacementSearch:
-    """What a search for a placement found."""
+    """Result of a search for a placement."""
 
     stations: PlacedStations  # with the scale that the objectives are divided by
     optima: tuple[PlacementOptimum, ...]  # distinct ones, best first
@@ -63,8 +63,12 @@ def search_placement(
     values: list[float] = []
     for found in independent_batches(_batch, (stations, seed), range(_MAX_BATCHES), workers):
         batch: PlacementSearch = replace(found, stations=stations)
-        whole = batch if whole is None else _joined(whole, batch)
         values.append(batch.optima[0].objective if batch.optima else np.inf)
+        if whole is not None:
+            optima = _distinct(stations, [*whole.optima, *batch.optima])
+            screened, solves = whole.screened.joined(batch.screened), whole.solves + batch.solves
+            batch = PlacementSearch(stations, optima, screened, 0, 0, solves)
+        whole = batch
         if progress is not None:
             progress(len(values), _MAX_BATCHES)
         recurred = recurrences(values, _as_good)
@@ -75,13 +79,7 @@ def search_placement(
     return replace(whole, batches=len(values), recurred=recurred)
 
 
-def _joined(one: PlacementSearch, other: PlacementSearch) -> PlacementSearch:
-    optima = _distinct(one.stations, [*one.optima, *other.optima])
-    return PlacementSearch(one.stations, optima, one.screened.joined(other.screened), 0, 0, one.solves + other.solves)
-
-
 def _batch(shared: tuple[PlacedStations, int], k: int) -> PlacementSearch:
-    """Placements that fill the box, the best of them improved; without the engines, which need not travel back."""
     stations, seed = shared
     rng, box = np.random.default_rng([seed, k]), stations.placement
     count = 32 * max(int(box.free.sum()) - 1, 1)  # so many more for each free coordinate beyond two
@@ -106,7 +104,6 @@ def _batch(shared: tuple[PlacedStations, int], k: int) -> PlacementSearch:
 
 
 def _zoomed(stations: PlacedStations, found: Postures, rng: np.random.Generator) -> Postures:
-    """Placements and others about the best, in smaller boxes: tens of them cost as much as one joint solve."""
     for share, leads in ((0.25, 3), (0.08, 3)) if stations.placement.free.any() else ():
         best = _leading(stations, found, leads)
         if not best or not np.isfinite(found.loss[best]).all():
@@ -127,7 +124,6 @@ def _led(
 
 
 def _shared(stations: PlacedStations, found: Postures, rng: np.random.Generator) -> Postures:
-    """Placements, where most fail the failed ones tried with the best postures: few random ones keep clear."""
     best = [m for m in np.argsort(found.loss, kind="stable")[:2] if np.isfinite(found.loss[m])]
     if not best or np.isfinite(found.loss).mean() > 0.75:
         return found

@@ -102,7 +102,6 @@ def _within(mean: ca.SX, covariance: ca.SX) -> ca.SX:
 
 
 def _between(half: float, mu: ca.SX, sigma: ca.SX) -> ca.SX:
-    """Probability of a Gaussian number between −half and half."""
     root = math.sqrt(2) * sigma
     return (ca.erf((half - mu) / root) + ca.erf((half + mu) / root)) / 2
 
@@ -141,7 +140,6 @@ def moved_parameters(c: Any, w: Any) -> Any:
 
 
 def _constant_rows(problem: OptimisationProblem) -> list[tuple[ca.SX, float, float]]:
-    """Rows between constants, as their bounds depend on the target; with the plane (or line) of the tool point."""
     parts: list[tuple[ca.SX, float, float]] = []
     for row in problem.nlp.rows:
         if ca.is_equal(row.lower, row.upper, 2):

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 
     TASKS: tuple[type[Task], ...]
 
+# The kinds of `TASKS`; a kind is the name of its file, and in capitals of its class.
 KINDS = ("insert", "drill", "probe", "measure", "trace", "weld", "dispense", "place", "hold", "custom")
-"""The kinds of `TASKS`; a kind is the name of its file, and in capitals of its class."""
 
 
 def task_class(kind: str) -> type[Task] | None:

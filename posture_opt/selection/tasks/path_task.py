@@ -20,12 +20,11 @@ _APART = 1e-9  # m: points nearer to each other than this are one
 
 
 def _speed(value: object) -> object:
-    """A speed [m/s], or the word ``highest`` as it is."""
+    """A speed [m/s], or the word ``highest``."""
     return value if value == HIGHEST else parse_quantity(value, "velocity")
 
 
-HIGHEST = "highest"
-"""The speed that the joints allow."""
+HIGHEST = "highest"  # the speed that the joints allow
 Speed = Annotated[
     float | Literal["highest"],
     BeforeValidator(_speed),
@@ -69,12 +68,12 @@ class PathTask(Task):
 
     @property
     def places(self) -> tuple[Point, ...]:
-        """The points of the path, or what is done elsewhere."""
+        """The points of the path, else those of the features."""
         return super().places if self.points is None else self.tool_points
 
     @property
     def axis_request(self) -> Literal["aligned", "required", "free"]:
-        """As of the task; a path that says where the tool axis points wants it there where the arm can."""
+        """The class's ``axis``; with ``axes`` a free one is aligned where the arm can."""
         return "aligned" if self.axis == "free" and self.axes is not None else self.axis
 
     def direction_at(self, point: Point) -> Point:
@@ -98,14 +97,14 @@ class PathTask(Task):
         return self.points
 
     def with_points(self, points: tuple[Point, ...], axes: tuple[Direction, ...] | None) -> PathTask:
-        """The same task with the points [m] and tool axes of its file."""
+        """The task with the points [m] and tool axes of its file."""
         found = self.model_copy(update={"points": points, "axes": axes})
         found.check_closed()
         return found
 
     @property
     def stated_speed(self) -> float | None:
-        """Of the tool point along the path [m/s]; None where none is stated, or the highest."""
+        """Speed of the tool point along the path [m/s], or None."""
         return self.speed if isinstance(self.speed, float) else None
 
     def check_closed(self) -> None:

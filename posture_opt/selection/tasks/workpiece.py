@@ -18,13 +18,12 @@ from posture_opt.limits import MOST_FEATURES
 from posture_opt.spec import Spec
 from posture_opt.units import DIMENSIONS, Length, parse_quantity
 
+# The largest spread of the features, their mean, or the probability that all of them succeed.
 Combine = Literal["worst", "mean", "success"]
-"""The largest spread of the features, their mean, or the probability that all of them succeed."""
 
 Point = tuple[float, float, float]
 
-WORKPIECE = "workpiece"
-"""Name of the part in reports and pictures."""
+WORKPIECE = "workpiece"  # name of the part in reports and pictures
 
 
 def _span(dimension: str) -> Any:
@@ -84,7 +83,7 @@ class Workpiece(Spec):
         return self
 
     def in_folder(self, folder: Path) -> Workpiece:
-        """The same workpiece with the whole path of its file, which is read."""
+        """The workpiece with the whole path of its file, which is read."""
         if self.file is None:
             return self
         return self.model_copy(update={"file": self._mesh(self.lower).in_folder(folder).file})
@@ -108,7 +107,7 @@ class Workpiece(Spec):
         return (f"{solid.note}{where}",)
 
     def solid(self, w: Sequence[float]) -> Mesh | None:
-        """The part as an obstacle where it stands at w = (x, y, z [m], yaw [rad]); None where it has no file."""
+        """The part as an obstacle at w = (x, y, z [m], yaw [rad]), or None without a file."""
         return None if self.file is None else self._mesh(w)
 
     def _mesh(self, w: Sequence[float]) -> Mesh:

@@ -71,7 +71,7 @@ class JointTorque(Term):
         return [k for k, joint in enumerate(robot.joints) if joint.type == "revolute"]
 
     def _each(self) -> list[float]:
-        """The bounds [N m] of the named joints in the order of the file; none where one bound holds for all."""
+        """Bounds [N m] of the named joints in file order; empty for one bound of all."""
         return list(self.at_most.values()) if isinstance(self.at_most, dict) else []
 
     def bounds_of(self, at: Quantities) -> list[tuple[float, float]]:

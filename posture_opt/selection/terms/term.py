@@ -92,7 +92,7 @@ class Quantities:
         return (ca.blockcat([[self.ends[0][0], shared], [shared.T, turn.T @ pose[3:, 3:] @ turn]]),)
 
     def largest(self, measure: Callable[[ca.SX], ca.SX]) -> ca.SX:
-        """A measure [m²] of the covariances that count; of a peg that of the end that has more of it."""
+        """The largest measure [m²] of the covariances that count."""
         return criteria.largest([measure(C) for C in self.minded])
 
     @property
@@ -138,24 +138,20 @@ class Term(Spec):
     are ``low ≤ quantity ≤ high`` for each entry of the (k,) quantity, the cost is ``Σ (quantity/scale)²``.
     """
 
-    summary: ClassVar[str]
-    """One line for ``optimize-posture list``."""
-    unit: ClassVar[str]
-    """SI unit of the quantity."""
-    size: ClassVar[float] = 1.0
-    """Typical one [unit]."""
-    keeps_clear: ClassVar[bool] = False
-    """Whether it keeps the arm away from obstacles."""
+    summary: ClassVar[str]  # one line for ``optimize-posture list``
+    unit: ClassVar[str]  # SI unit of the quantity
+    size: ClassVar[float] = 1.0  # typical one [unit]
+    keeps_clear: ClassVar[bool] = False  # whether it keeps the arm away from obstacles
 
+    # Whether reports state the spread of the orientation where it is asked for.
     uses_orientation: ClassVar[bool] = False
-    """Whether reports state the spread of the orientation where it is asked for."""
 
     kind: str
     weight: float = Field(default=1.0, ge=0, description="in `minimize`: its factor beside the spread")
 
     @property
     def part(self) -> Within | None:
-        """The part of the spread that it speaks of, None where it does not speak of the spread."""
+        """The part of the spread it is about, or None."""
         return None
 
     @property

@@ -14,11 +14,23 @@ from posture_opt.model.arm import Arm
 from posture_opt.model.chain import ZERO, Scalar, Vector, Walk, add, scale, stack
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Axis, Factor, Robot
-from posture_opt.uncertainty.moments.exact_moments import Segment, conditional_moments, exact_moments
-from posture_opt.uncertainty.moments.integration import Integration, NodePlan, SharedSpan, converged, spans
-from posture_opt.uncertainty.moments.planar_moments import Plane, planar_moments, plane_of
-from posture_opt.uncertainty.moments.shared_factors import SharedFactors
-from posture_opt.uncertainty.sources.workpiece import of_workpiece, relative_twist
+from posture_opt.uncertainty.moments.exact_moments import (
+    Plane,
+    Segment,
+    conditional_moments,
+    exact_moments,
+    planar_moments,
+    plane_of,
+)
+from posture_opt.uncertainty.moments.integration import (
+    Integration,
+    NodePlan,
+    SharedFactors,
+    SharedSpan,
+    converged,
+    spans,
+)
+from posture_opt.uncertainty.sources.sources import of_workpiece, relative_twist
 
 Method = Literal["exact", "exact, planar", "exact given shared factors, integrated over them"]
 

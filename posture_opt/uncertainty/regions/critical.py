@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from posture_opt.numerics import Array, Json
-from posture_opt.uncertainty.regions.coverage_radius import coverage_radius
+from posture_opt.uncertainty.regions.clearance import coverage_radius
 from posture_opt.uncertainty.regions.regions import RANK_TOLERANCE, deviation
 
 # The part of the spread: across the direction of the task, along it, or all of it

@@ -17,9 +17,8 @@ from posture_opt.robot.posture import Posture, PostureLike
 from posture_opt.statements import Statement, state
 from posture_opt.uncertainty.moments.pose_covariance import POSE_FRAME
 from posture_opt.uncertainty.regions.regions import NORMAL95, RANK_TOLERANCE, Ellipsoid
-from posture_opt.uncertainty.simulation.adaptive import AdaptiveResult
-from posture_opt.uncertainty.simulation.adaptive import adaptive as adaptive_trials
 from posture_opt.uncertainty.simulation.sampler import (
+    AdaptiveResult,
     Interval,
     PowerSums,
     Sampler,
@@ -27,6 +26,7 @@ from posture_opt.uncertainty.simulation.sampler import (
     variance_intervals,
     wilson_interval,
 )
+from posture_opt.uncertainty.simulation.sampler import adaptive as adaptive_trials
 from posture_opt.uncertainty.spread.spread import HasSources, Spread, budget_json, ellipse_json, propagate, task_json
 from posture_opt.uncertainty.spread.task_spread import TaskSpread
 

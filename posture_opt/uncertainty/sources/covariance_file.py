@@ -17,7 +17,7 @@ from posture_opt.errors import BadValueError, InputError, Issue, KeyPath, neares
 from posture_opt.files import content, naming
 from posture_opt.numerics import Array
 from posture_opt.robot.corrections import name_issues
-from posture_opt.texts import csv_line, unguarded
+from posture_opt.texts import csv_line, number_or_nan, unguarded
 from posture_opt.units import NEGLIGIBLE, parse_quantity
 
 _HEADER_CELL = re.compile(r"^\s*(?P<name>[^\[\]]*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*$")
@@ -140,7 +140,7 @@ def _read_body(
         elif len(cells) - 1 != len(names):
             issues.append(Issue(f"{len(cells) - 1} numbers in the row, {len(names)} columns", place, line=line))
         else:
-            values = np.array([_float_or_nan(text) for text in cells[1:]])
+            values = np.array([number_or_nan(text) for text in cells[1:]])
             for k in np.flatnonzero(~np.isfinite(values)) + 2:
                 issues.append(Issue(f"column {k} holds no finite number", place, None, "write 1.2e-8", "", line))
             matrix[names.index(name)] = np.where(np.isfinite(values), values, 0.0)
@@ -148,13 +148,6 @@ def _read_body(
     if missing and not issues:
         issues.append(Issue(f"no row for {', '.join(missing)}", hint="every column needs the row of the same name"))
     return matrix, issues or (_asymmetry_issues(names, matrix) if {*names} <= {*known} else [])
-
-
-def _float_or_nan(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        return math.nan
 
 
 def _asymmetry_issues(names: Sequence[str], matrix: Array) -> list[Issue]:

@@ -14,7 +14,7 @@ import numpy as np
 from posture_opt.numerics import Array
 from posture_opt.uncertainty.moments.exact_moments import conditional_moments
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
-from posture_opt.uncertainty.sources.workpiece import stated_name
+from posture_opt.uncertainty.sources.sources import stated_name
 
 # Of central differences in log σ: the truncation error h²/6 and the rounding error ε/h are both below 1e-8.
 _LOG_SIGMA_STEP = 1e-4

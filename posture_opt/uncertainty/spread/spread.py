@@ -22,8 +22,7 @@ from posture_opt.uncertainty.moments.pose_covariance import POSE_FRAME, PoseCova
 from posture_opt.uncertainty.moments.second_order import Validity, second_order
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
 from posture_opt.uncertainty.regions.regions import Ellipsoid
-from posture_opt.uncertainty.sources.sources import Sources
-from posture_opt.uncertainty.sources.workpiece import of_workpiece
+from posture_opt.uncertainty.sources.sources import Sources, of_workpiece
 from posture_opt.uncertainty.spread.budget import Share, ShareGroup, budgets, share_groups
 from posture_opt.uncertainty.spread.task_spread import HasDirection, TaskSpread, task_spread
 

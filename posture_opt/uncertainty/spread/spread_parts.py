@@ -1,4 +1,4 @@
-"""Two parts of a predicted spread: what changes from repeat to repeat, and what is not known of errors that stay."""
+"""Two parts of a predicted spread: scatter from repeat to repeat, and errors that stay."""
 
 from __future__ import annotations
 
@@ -9,10 +9,9 @@ import numpy as np
 
 from posture_opt.numerics import Array, Json
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
-from posture_opt.uncertainty.regions.coverage_radius import coverage_radius
+from posture_opt.uncertainty.regions.clearance import coverage_radius
 from posture_opt.uncertainty.regions.regions import deviation
-from posture_opt.uncertainty.sources.sources import Sources
-from posture_opt.uncertainty.sources.workpiece import stated_name
+from posture_opt.uncertainty.sources.sources import Sources, stated_name
 from posture_opt.uncertainty.spread.spread import Spread
 
 
@@ -28,7 +27,6 @@ class SpreadParts:
 
     @property
     def mostly_systematic(self) -> bool:
-        """Whether what is not known reaches farther than scatter does."""
         return self.systematic_radius > self.scatter_radius
 
     def to_json(self) -> dict[str, Json]:

@@ -149,12 +149,9 @@ def _success_given_errors(places: Sequence[PlaceErrors], delta: Array) -> Array:
 
 
 def _within_circle(mean: Array, covariance: Array, radius: float, quadrature: tuple[int, float] = (32, 7.0)) -> Array:
-    """(..., N) probability that Gaussian points with means (..., N, m), m = 1 or 2, lie in a circle about the origin.
-
-    ``∫ φ(x) [Φ((h - μ)/σ) - Φ((-h - μ)/σ)] dx`` with ``h² = r² - x²`` along the minor axis, ``x = r sin θ``.
-    ``covariance`` (..., m, m) is that of the points of each row; ``quadrature`` has nodes, and the half range that
-    they fill, in standard deviations: 32 over 7 are right to 1e-7.
-    """
+    """(..., N) probability that points of means (..., N, m), m = 1 or 2, covariances (..., m, m), lie in a circle about
+    the origin: ``∫ φ(x) [Φ((h - μ)/σ) - Φ((-h - μ)/σ)] dx``, ``h² = r² - x²`` along the minor axis, ``x = r sin θ``.
+    ``quadrature``: nodes and their half range in σ; 32 over 7 are right to 1e-7."""
     if not np.any(covariance):
         return np.asarray(np.linalg.norm(mean, axis=-1) <= radius, dtype=float)
     values, axes = np.linalg.eigh(covariance)

@@ -18,8 +18,7 @@ from posture_opt.uncertainty.regions.clearance import within_clearance
 from posture_opt.uncertainty.regions.critical import PARTS, Critical, Within
 from posture_opt.uncertainty.regions.regions import deviation
 from posture_opt.uncertainty.spread.budget import Share, ShareGroup, budget, share_groups
-from posture_opt.uncertainty.spread.orientation import YawSpread
-from posture_opt.uncertainty.spread.peg_spread import HeldPart, PegSpread, peg_spread
+from posture_opt.uncertainty.spread.peg_spread import HeldPart, PegSpread, YawSpread, peg_spread
 
 Vector = tuple[float, float, float]
 
@@ -83,7 +82,7 @@ class TaskSpread:
 
     @cached_property
     def budget_groups(self) -> tuple[ShareGroup, ...]:
-        """The same budget, sources whose errors cancel taken together."""
+        """Shares of sources, those whose errors cancel together."""
         return share_groups(self.budget, self.tool_point, self.q, self.critical.worst_axis)
 
     def statements(self, taught: bool) -> Iterator[Statement]:
@@ -104,7 +103,7 @@ class TaskSpread:
             yield state(id, probability=p, clearance=clearance)
 
     def sampled(self, covariance: Array, bias: Array) -> TaskSpread:
-        """The same task with another covariance (3, 3) [m²] and mean shift (3,) [m], of a sample say."""
+        """With another covariance (3, 3) [m²] and mean shift (3,) [m], of a sample say."""
         critical = Critical.of(self.critical.within, self.critical.basis.T, covariance, bias)
         return replace(self, peg=None, yaw=None, critical=critical, sigma_along=sigma_along(self.direction, covariance))
 

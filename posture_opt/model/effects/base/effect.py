@@ -14,8 +14,7 @@ from pydantic import ConfigDict, Field, model_validator
 from posture_opt.errors import BadValueError
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import ZERO, Scalar, Vector, cross, scale, subtract
-from posture_opt.model.effects.base.catalogue_entry import CatalogueEntry, Input, Quantity
-from posture_opt.model.effects.base.cause import Abscissa, FittedSizes, Size
+from posture_opt.model.effects.base.cause import Abscissa, CatalogueEntry, FittedSizes, Input, Quantity, Size
 from posture_opt.model.effects.base.multiples import RotatingPart
 from posture_opt.model.effects.base.plausible_range import PlausibleRange
 from posture_opt.numerics import Array
@@ -115,8 +114,7 @@ class Effect(CatalogueEntry):
 
     @abstractmethod
     def sensitivities(self, state: ArmState) -> tuple[Sensitivity, ...]:
-        """What one unit [SI] of each parameter does at a posture, in the order of ``parameters``; it does not depend on
-        their size."""
+        """The effect of one unit [SI] of each parameter at a posture, in the order of ``parameters``."""
 
     @classmethod
     @abstractmethod
@@ -124,38 +122,37 @@ class Effect(CatalogueEntry):
 
     @classmethod
     def unknown_loads(cls, case: Excitation) -> Iterator[tuple[Effect, tuple[str, ...]]]:
-        """Instances for an arm whose masses are not stated, each with the frames at which its masses may be."""
+        """Instances for an arm without stated masses, each with the frames at which its masses may be."""
         yield from ()
 
     def carried(self, robot: Robot, q: Sequence[Scalar]) -> Mapping[int, Scalar]:
-        """Joint index -> how far joints are off their commands ``q`` (n,) by its estimate, where loads change by it
-        [rad]."""
+        """Joint index -> how far joints are off ``q`` (n,) by its estimate, if loads change by it [rad]."""
         return {}
 
     @property
     def valid_between(self) -> tuple[float, float] | None:
-        """Values of its joint [rad] beyond which it is not known; None where it is known everywhere."""
+        """Values of its joint [rad] beyond which it is unknown; None if it is known everywhere."""
         return None
 
     @property
     def unmeasured_size(self) -> float:
-        """Standard deviation [rad] of its joint beyond these values, where the effect is there and not known."""
+        """Standard deviation [rad] of its joint beyond these values."""
         return 0.0
 
     def unknown_beyond(self, joint: int, outside: Scalar) -> Sensitivity:
-        """What one standard deviation of it does [rad] where it is not known: 1 ``outside`` of its range, else 0."""
+        """One standard deviation of it as an increment [rad], times 1 ``outside`` of its range, else 0."""
         return Sensitivity({joint: self.unmeasured_size * outside})
 
     def measured_over(self, low: float, high: float) -> Effect:
-        """The same effect, found from values of its joint between ``low`` and ``high`` [rad]."""
+        """Found from values of its joint between ``low`` and ``high`` [rad]."""
         return self
 
     def also_measured(self, other: Effect) -> Effect:
-        """The same effect, known where it was and where another finding of it was measured."""
+        """Known in its own range and in that of another finding."""
         return self
 
     def known_everywhere(self) -> Effect:
-        """The same effect without a range, as it is fitted."""
+        """Without a range, as it is fitted."""
         return self
 
     def acts(self, state: ArmState) -> bool:
@@ -187,40 +184,37 @@ class Effect(CatalogueEntry):
 
     @property
     def smooth_shape(self) -> str:
-        """The field that it depends on smoothly, so that it is fitted with the rest; empty for none."""
+        """The field that is fitted with the parameters, or an empty text."""
         return self.shape[0] if self.shape else ""
 
     def bracket(self, span: float) -> tuple[float, float]:
-        """Where a better smooth shape [SI] can lie about a point of the grid; ``span`` of its joint in the data
-        [rad]."""
+        """Bounds of a better smooth shape [SI] about a point of the grid; ``span`` of its joint in the data [rad]."""
         value = float(getattr(self, self.smooth_shape))
         return value / _SHAPE_NEIGHBOUR, value * _SHAPE_NEIGHBOUR
 
     def shape_steps(self, state: ArmState) -> Array:
-        """(k,) the shapes about this one that differ in the data, where it depends on its shape in steps."""
+        """(k,) neighbouring shapes that differ in the data, of an effect that depends on its shape in steps."""
         return np.zeros(0)
 
     def with_shape(self, value: float) -> Effect:
-        """The same effect with another shape [SI]."""
         return self.model_copy(update={self.shape[0]: value})
 
     def reshaped(self, deviation: float) -> Effect:
-        """The same with its smooth shape off by ``deviation``: of its logarithm where errors are relative, else
-        [SI]."""
+        """With its smooth shape off by ``deviation``: of its logarithm if errors are relative, else [SI]."""
         value = float(getattr(self, self.smooth_shape))
         return self.with_shape(value * math.exp(deviation) if self.relative_shape else value + deviation)
 
     def shape_deviation(self, known: Effect) -> float:
-        """By how much its smooth shape deviates from that of another of its kind; the inverse of `reshaped`."""
+        """The inverse of `reshaped`, from the shape of ``known``."""
         one, other = (float(getattr(effect, self.smooth_shape)) for effect in (known, self))
         return math.log(other / one) if self.relative_shape else other - one
 
     def abscissa(self, state: ArmState, timed: bool = True) -> Abscissa | None:
-        """What it is a curve of, in every row; ``None`` where it depends on several things at once."""
+        """The axis of its curve over the rows, or None if it depends on several things at once."""
         return None
 
     def plausible(self, robot: Robot) -> PlausibleRange | None:
-        """The sizes that it can have on an arm, by what is published; None where none is known to be impossible."""
+        """The sizes that arms can have, by published figures."""
         return None
 
     def plausible_size(self, estimate: FittedSizes) -> tuple[float, float]:
@@ -228,17 +222,17 @@ class Effect(CatalogueEntry):
         return estimate.entry(self.dimensions[0][0])
 
     def rotating_parts(self, robot: Robot) -> tuple[RotatingPart, ...]:
-        """The parts of its joint that turn as often as it repeats; none where it does not repeat."""
+        """Parts of its joint that turn as often as it repeats."""
         return ()
 
     @property
     def less_likely(self) -> bool:
-        """Whether it is asked for more evidence than others, as what it competes with is the usual cause."""
+        """Whether it needs more evidence, as its rival is the usual cause."""
         return False
 
     @property
     def unstated_loads(self) -> bool:
-        """Whether its parameters stand for loads that nobody stated, so that none of them is its size."""
+        """Whether its parameters stand for unstated loads, so that none of them is its size."""
         return False
 
     def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
@@ -247,12 +241,12 @@ class Effect(CatalogueEntry):
         return tuple(found)
 
     def size(self, name: str, dimension: str, value: float, std: float) -> Size:
-        """One parameter in words. value, std: estimate and standard error [SI]."""
+        """One parameter, estimate and standard error [SI]."""
         return Size(name.replace("_", " "), shown(value, dimension, std))
 
     @property
     def stated_size(self) -> str:
-        """The first size that the entry states, without standard error; that it states none of its own."""
+        """The first size that the entry states."""
         if self.size_undetermined:
             return "(size undetermined)"
         values = {n: (v, math.nan, "") for (n, _), v in zip(self.dimensions, self.values, strict=True)}
@@ -273,7 +267,7 @@ class Effect(CatalogueEntry):
 
     @property
     def size_parts(self) -> tuple[slice, ...]:
-        """Where among its parameters those of each part are that has a size of its own; of most one part has all."""
+        """Slices of the parameters that have a size each."""
         return (slice(0, len(self.dimensions)),)
 
     def of_parts(self, parts: Sequence[int]) -> Effect:
@@ -281,14 +275,13 @@ class Effect(CatalogueEntry):
         return self
 
     def without_parts(self, parts: Sequence[int]) -> Effect | None:
-        """The effect of its other parts; None where there are none."""
         others = [i for i in range(len(self.size_parts)) if i not in parts]
         return self.of_parts(others) if others else None
 
     def with_estimate(self, values: Sequence[float]) -> Effect:
-        """The same effect with this estimate [SI], in the order of `dimensions`; written with twelve digits."""
+        """With this estimate [SI] in the order of `dimensions`, written with twelve digits."""
         texts = {
-            name: _parameter_text(value, dimension)
+            name: float(value) if dimension == "ratio" else f"{value:.12g} {DIMENSIONS[dimension][0]}"
             for (name, dimension), value in zip(self.dimensions, values, strict=True)
         }
         return self.model_copy(update={"estimate": texts})
@@ -301,10 +294,6 @@ def _read_parameter(value: object, dimension: str) -> float:
             raise BadValueError(f"{given} is no ratio", "write a number such as 2e-4")
         return float(value)
     return parse_quantity(value, dimension)
-
-
-def _parameter_text(value: float, dimension: str) -> Any:
-    return float(value) if dimension == "ratio" else f"{value:.12g} {DIMENSIONS[dimension][0]}"
 
 
 class SoleEffect(Effect):
@@ -335,9 +324,8 @@ def foot(state: ArmState) -> Vector:
 def frame_motion(
     state: ArmState, names: Sequence[str], axes: Sequence[Vector], about: Vector, size: Scalar
 ) -> tuple[Sensitivity, ...]:
-    """The tool point under a motion of a frame of a ``size``, one unit for each of the parameters ``names``. names: of
-    ``x``, ``y``, ``z`` [m], ``roll``, ``pitch`` and ``yaw`` [rad]; axes: (3,) unit vectors of shifts and turns; about:
-    the point (3,) that turns leave where it is [m], world."""
+    """The tool point per unit of ``names`` (x, y, z [m], roll, pitch, yaw [rad]): a frame that moves along and about
+    ``axes`` through the point ``about`` (3,) [m], world, times ``size``."""
     vectors, lever = [scale(size, axis) for axis in axes], subtract(state.tool, about)
     units = dict(zip("xyz", (Sensitivity(twist=(v, ZERO)) for v in vectors), strict=True))
     units |= {name: Sensitivity(twist=(cross(v, lever), v)) for name, v in zip(ANGLES, vectors, strict=True)}

@@ -1,4 +1,4 @@
-"""Frequencies of periodic errors: as text, and whether one is a multiple of another as far as they are known."""
+"""Frequencies of periodic errors: as text, as multiples of each other, and as turns of the motor."""
 
 from __future__ import annotations
 
@@ -17,10 +17,8 @@ _WINDOW_POINTS, _WINDOW_VALUES = 200, 500
 
 
 def harmonic_order(cycles: Sequence[float], sizes: Sequence[tuple[float, float]], line: int, span: float) -> int:
-    """Which multiple of the first line another one is for sure; 0 for none. The ratio of both is whole within
-    2.0 standard errors, see `cycles_error`, and these are small. sizes: amplitude of each line with
-    its standard error [rad]; line: number of the line; ``span`` the range of the joint in the data [rad], 0 where it is
-    not known."""
+    """Which multiple of the first line another one is for sure, 0 for none: the ratio is whole within two standard
+    errors, which are small. ``sizes`` [rad] with standard errors, ``span`` the range of the joint [rad]."""
     if not span > 0:
         return 0
     ratio = cycles[line] / cycles[0]
@@ -35,9 +33,8 @@ def harmonic_order(cycles: Sequence[float], sizes: Sequence[tuple[float, float]]
 
 
 def cycles_error(size: tuple[float, float], span: float) -> float:
-    """The standard error of the cycles of a line of amplitude A ± s, ``√12 s / (A w)``. Source: Rife, Boorstyn (1974),
-    Cramér-Rao bounds of amplitude and frequency. size: amplitude and its standard error [rad]; span: w, the range of
-    the joint that the data spread over evenly [rad]."""
+    """Standard error of the cycles of a line of amplitude A ± s [rad] over a range w [rad], ``√12 s / (A w)`` (Rife,
+    Boorstyn 1974)."""
     return math.sqrt(12) * size[1] / (size[0] * span)
 
 
@@ -56,7 +53,6 @@ def resolution(q: Array) -> float:
 
 
 def line_words(lines: Sequence[float]) -> str:
-    """Lines of one joint in words: "line at 12.4 cycles per revolution"."""
     listed = enumerated([cycles_text(k) for k in lines])
     return f"line{'s' * (len(lines) > 1)} at {listed} cycles per revolution"
 
@@ -95,7 +91,6 @@ class RotatingPart:
 
     @property
     def words(self) -> str:
-        """Why it is that part: "80.0 cycles per revolution is once per revolution of the motor"."""
         at = "" if self.stated else f" at a gear ratio of {number(self.ratio)}"
         often = (
             f"{cycles_text(self.cycles)} cycles per revolution is {_OFTEN[self.per_turn]} per revolution of the motor"

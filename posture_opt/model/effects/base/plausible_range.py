@@ -11,14 +11,14 @@ import numpy as np
 from posture_opt.model.arm_state import ArmState, Inputs
 from posture_opt.numerics import Json
 from posture_opt.robot.posture import drawn_between
-from posture_opt.robot.robot import Factor, Joint, Robot
+from posture_opt.robot.robot import Robot
 from posture_opt.units import DIMENSIONS, shown
 
 
 @dataclass(frozen=True)
 class PlausibleRange:
-    """Least and largest size of a cause on an arm. A cause beyond it is not refuted: it is then an error that looks
-    like that cause, and ``needs`` says what would have to be true of the arm."""
+    """Least and largest size of a cause on an arm; beyond, an error only looks like that cause unless ``needs`` is
+    true."""
 
     low: float  # low, high: [SI]
     high: float
@@ -71,9 +71,8 @@ LARGEST_TURN = 1e-2
 
 
 def least_stiffness(robot: Robot, joint: int) -> float:
-    """The stiffness [N m/rad] below which no joint with a gear is: that of the softest gear which carries its load.
-    ``K1 / 4`` of the smallest gear of `CATALOGUE` whose rated torque is that of gravity on the joint, the largest of
-    all postures, with the payload of the file. A wrist that carries nothing has the smallest gear."""
+    """Least stiffness [N m/rad] of a joint with a gear: ``K1 / 4`` of the smallest gear of `CATALOGUE` whose rated
+    torque is that of gravity with the payload, the largest of all postures. Links without masses weigh 10 kg/m."""
     load = _largest_torques(robot)[joint]
     soft = next((stiffness for _, rated, stiffness in CATALOGUE if rated >= load), CATALOGUE[-1][2])
     # How much softer a joint may be than its gear: bearings, housing or a belt in series, a ratio of 30 for 100.
@@ -83,20 +82,15 @@ def least_stiffness(robot: Robot, joint: int) -> float:
 @lru_cache(maxsize=8)
 def _largest_torques(robot: Robot) -> tuple[float, ...]:
     """(n,) torque of gravity on each joint [N m], the largest of 200 random ones."""
-    loaded = replace(robot, joints=tuple(map(_with_mass, robot.joints, map(_length, robot.links))))
+    joints = []
+    for joint, link in zip(robot.joints, robot.links, strict=True):
+        known = np.isfinite([joint.mass, *joint.com]).all()
+        length = sum(abs(factor.nominal) for factor in link if factor.kind == "translate")
+        # Links that state no mass have 10 kg/m: UR5 and UR10 have 15 to 20, and less is on the safe side.
+        joints.append(joint if known else replace(joint, mass=10.0 * length, com=(0.0, 0.0, 0.0)))
+    loaded = replace(robot, joints=tuple(joints))
     low, high = (np.clip(edges, -np.pi, np.pi) for edges in drawn_between(robot))  # a slide may have no limits
     # Random postures whose largest torque is that of the arm, to some percent.
     q = np.random.default_rng(0).uniform(low, high, size=(200, robot.n))
     state = ArmState(loaded, list(q.T), Inputs(payload=robot.payload))
     return tuple(float(np.max(np.abs(np.asarray(state.torque(i), dtype=float)))) for i in range(robot.n))
-
-
-def _length(link: tuple[Factor, ...]) -> float:
-    """Sum of the fixed lengths of a link [m]."""
-    return float(sum(abs(factor.nominal) for factor in link if factor.kind == "translate"))
-
-
-def _with_mass(joint: Joint, length: float) -> Joint:
-    known = np.isfinite([joint.mass, *joint.com]).all()
-    # Mass of links that state none, per length: UR5 and UR10 have 15 to 20 kg/m, and less is on the safe side.
-    return joint if known else replace(joint, mass=10.0 * length, com=(0.0, 0.0, 0.0))

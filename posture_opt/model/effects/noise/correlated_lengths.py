@@ -7,8 +7,7 @@ from typing import ClassVar, Literal
 from pydantic import Field, model_validator
 
 from posture_opt.errors import BadValueError, one_of
-from posture_opt.model.effects.base.catalogue_entry import Evidence, Limit
-from posture_opt.model.effects.base.cause import FittedSizes, Size
+from posture_opt.model.effects.base.cause import Evidence, FittedSizes, Limit, Size
 from posture_opt.model.effects.noise.noise_effect import NoiseEffect
 from posture_opt.robot.robot import Robot
 from posture_opt.units import plus_minus

@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from posture_opt.model.effects.base.catalogue_entry import CatalogueEntry
+from posture_opt.model.effects.base.cause import CatalogueEntry
 from posture_opt.numerics import Array, Codes
 from posture_opt.robot.robot import Robot
 from posture_opt.units import shown
