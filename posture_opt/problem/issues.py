@@ -11,7 +11,7 @@ from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from posture_opt.errors import BadValueError, Issue, KeyPath, as_given, did_you_mean, nearest, one_of
-from posture_opt.problem.schema import bound_at, example_at, known_keys, nodes_at, read_sections, size_at
+from posture_opt.problem.schema import bound_at, entry_at, example_at, known_keys, nodes_at, read_sections, size_at
 from posture_opt.problem.yaml_source import Plain, Section
 from posture_opt.selection.registered_tasks import registered_tasks
 
@@ -61,7 +61,7 @@ def schema_issues(data: Section) -> list[Issue]:
         data = copy.deepcopy(data)
         for one, (word, kind) in misspelt:
             kinds.append(_issue(one, data))
-            _entry(data, one.key)[word] = kind
+            entry_at(data, one.key)[word] = kind
 
 
 def _meant_kind(error: _Placed) -> tuple[str, str] | None:
@@ -72,12 +72,6 @@ def _meant_kind(error: _Placed) -> tuple[str, str] | None:
         return None
     near = nearest(str(context["tag"]), _quoted(context["expected_tags"]))
     return (_tag_key(context), near) if near else None
-
-
-def _entry(data: Plain, key: KeyPath) -> Plain:
-    for part in key:
-        data = data[part]
-    return data
 
 
 class _Placed:
@@ -163,7 +157,7 @@ def _tag_issue(key: KeyPath, kind: str, context: Mapping[str, Plain], data: Plai
     if kind == "union_tag_not_found":
         words = sorted(str(node["const"]) for node in nodes_at((*key, "kind"), None) if node.get("const"))
         return Issue("is missing", (*key, name), None, f"write {name}: {' | '.join(words)}", id="input.missing-key")
-    place, value = (*key, name), _entry(data, key).get(name)
+    place, value = (*key, name), entry_at(data, key).get(name)
     return _unknown_task(place, value) or _unknown_word(place, value, _quoted(context["expected_tags"]))
 
 

@@ -19,7 +19,6 @@ from posture_opt.robot.robot import Robot
 from posture_opt.units import number
 
 _COUNTED_COLUMN = re.compile(r"^\s*(?P<stem>[A-Za-z]+[ _-]?)(?P<number>\d+)\s*\[")
-_EXAMPLE_TASK = "task: {kind: insert, direction: [0, 0, -1], position: [0.5 m, 0.2 m, 0.2 m]}"
 
 
 def problem_of_measured_robot(
@@ -47,41 +46,36 @@ def problem_of_measured_robot(
     if freedom >= MIN_FREEDOM:
         stated["measurement"] = {"position": f"{number(sigma * 1e3, 2)} mm", "degrees_of_freedom": freedom}
     problem = problem_from_dict({**document, **({"uncertainty": stated} if stated else {})})
+    if freedom < MIN_FREEDOM:
+        return _introduced(problem, "", measured.touches)
     size = f"{number(sigma * 1e3, 2)} mm"
-    repeats = (
-        f"σ of the instrument, {size}, is the scatter of repeats ({freedom} degrees of freedom), the arm's included"
-    )
-    repeats = repeats if freedom >= MIN_FREEDOM else ""
-    notes = (*problem.notes, _free(problem.robot), *([f"the {repeats}"] if repeats else []))
-    return replace(problem, notes=notes, header=_header(_instrument(repeats, measured.touches)))
+    scatter = f"is the scatter of repeats ({freedom} degrees of freedom), the arm's included"
+    return _introduced(problem, f"σ of the instrument, {size}, {scatter}", measured.touches)
 
 
-def _free(robot: Robot) -> str:
-    frames = [name for name, free in (("base", robot.base_free), ("tool", robot.tool_free)) if free]
-    if not frames:
-        return "no problem file is given; base and tool are those of the command line"
-    are = "are" if len(frames) > 1 else "is"
-    return f"no problem file is given: {' and '.join(frames)} {are} free, to be found from the data"
-
-
-def _instrument(repeats: str, touches: bool) -> tuple[str, str]:
+def _introduced(problem: Problem, scatter: str, touches: bool) -> Problem:
+    """The problem with what its file says first: which frames are free, and where the instrument's σ is from."""
+    frames = [name for name, free in (("base", problem.robot.base_free), ("tool", problem.robot.tool_free)) if free]
+    note = "no problem file is given; base and tool are those of the command line"
+    if frames:
+        are = "are" if len(frames) > 1 else "is"
+        note = f"no problem file is given: {' and '.join(frames)} {are} free, to be found from the data"
+    few = "Too few postures are repeated to estimate the instrument's σ. Where it is known, state under uncertainty"
+    instrument = few, "  measurement: {position: 0.02 mm}"
     if touches:
-        return "Points are touched: a known distance gives the size of the arm,", "  data: {distances: [[a, b, 50 mm]]}"
-    if repeats:
-        return f"The {repeats}.", "State the instrument's own where it is known."
-    return "Too few postures are repeated to estimate the instrument's σ. Where it is known, state under uncertainty", (
-        "  measurement: {position: 0.02 mm}"
-    )
-
-
-def _header(instrument: tuple[str, str]) -> tuple[str, ...]:
-    return (
+        size = "Points are touched: a known distance gives the size of the arm,"
+        instrument = size, "  data: {distances: [[a, b, 50 mm]]}"
+    elif scatter:
+        instrument = f"The {scatter}.", "State the instrument's own where it is known."
+    header = (
         "A problem file of posture_opt, made for measurements of a robot. Edit it, and name it with --problem.",
         "A base or tool that is free is found from the data. Where one is known, write {xyz: [..], rpy: [..]}.",
         *instrument,
         "With a task, its posture is planned before and after calibration, in the frame of the measurements:",
-        f"  {_EXAMPLE_TASK}",
+        "  task: {kind: insert, direction: [0, 0, -1], position: [0.5 m, 0.2 m, 0.2 m]}",
     )
+    notes = (*problem.notes, note, *([f"the {scatter}"] if scatter else []))
+    return replace(problem, notes=notes, header=header)
 
 
 def _named_as_counted(section: Section, robot: Robot, headers: Sequence[str]) -> Section:

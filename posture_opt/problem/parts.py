@@ -22,7 +22,7 @@ from posture_opt.problem.effects_section import (
 )
 from posture_opt.problem.issues import schema_issues
 from posture_opt.problem.named_files import far_points, with_named_files, with_path
-from posture_opt.problem.schema import ProblemSpec, read_sections
+from posture_opt.problem.schema import ProblemSpec, entry_at, read_sections
 from posture_opt.problem.yaml_source import Plain, ProblemDocument, Section
 from posture_opt.robot.corrections import corrected
 from posture_opt.robot.format import check_payload
@@ -99,22 +99,13 @@ def _thinned(data: Section, path: KeyPath, keys: Iterable[KeyPath]) -> tuple[int
     return numbers
 
 
-def _entry(data: Plain, key: KeyPath) -> Plain:
-    for part in key:
-        try:
-            data = data[part]
-        except (KeyError, IndexError, TypeError):
-            return None
-    return data
-
-
 def _left_out(data: Section, key: KeyPath) -> None:
     # Masses and centres of mass of a joint are replaced by plain ones, as leaving them out would be a fault of its
     # own. Correlations are removed with the σ's that they need.
     section = data.get(str(key[0]))
     if len(key) == 1 or not isinstance(section, dict) or key[1] == "kind":
         data.pop(str(key[0]), None)
-    elif key[:2] == ("robot", "joints") and len(key) > 3 and isinstance(row := _entry(section, key[1:3]), dict):
+    elif key[:2] == ("robot", "joints") and len(key) > 3 and isinstance(row := entry_at(section, key[1:3]), dict):
         row.pop(key[3], None)
         row.update({key[3]: _STAND_IN_VALUES[str(key[3])]} if key[3] in _STAND_IN_VALUES else {})
     else:

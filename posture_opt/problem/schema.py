@@ -119,7 +119,7 @@ def nodes_at(key: KeyPath, data: Plain) -> list[Node]:
     """The alternatives that the schema allows at ``key`` of ``data``; kinds that the data name are followed."""
     nodes = list(_alternatives(json_schema(), data))
     for part in key:
-        data = _entry(data, part)
+        data = entry_at(data, (part,))
         nodes = [found for node in nodes for child in _children(node, part) for found in _alternatives(child, data)]
     return nodes
 
@@ -158,11 +158,14 @@ def bound_at(key: KeyPath, data: Plain, bound: Plain) -> str:
     return f"{bound:g} m" if "length" in dimensions else f"{bound:g}"
 
 
-def _entry(data: Plain, part: str | int) -> Plain:
-    try:
-        return data[part]
-    except (KeyError, IndexError, TypeError):
-        return None
+def entry_at(data: Plain, key: KeyPath) -> Plain:
+    """The entry of nested data at a key; None where there is none."""
+    for part in key:
+        try:
+            data = data[part]
+        except (KeyError, IndexError, TypeError):
+            return None
+    return data
 
 
 def _alternatives(node: Node, data: Plain) -> Iterator[Node]:
