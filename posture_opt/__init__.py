@@ -224,7 +224,7 @@ def presenter_of(result: object) -> Any:
 
 def evaluation_of(calibration: Calibration) -> Any:
     """What the predictions of a calibration are held against."""
-    return import_module("posture_opt.validation.evaluation").Evaluation(calibration)
+    return import_module("posture_opt.validation.calibrated_arm").Evaluation(calibration)
 
 
 def explorer_of(problem: Problem) -> Any:

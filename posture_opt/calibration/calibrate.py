@@ -135,7 +135,7 @@ def calibrate(
 
 
 def reweighed(calibration: Calibration, model: Fit) -> Calibration | None:
-    """The same calibration, weighed as an arm with effects asks for; None where that changes nothing."""
+    """Weigh a calibration as an arm with effects asks for; None if nothing changes."""
     ratio, noise = orientation_ratio(model), float(np.sqrt(model.design * model.variance))
     # With the effects, half of the noise of a calibration is left at the most to judge again.
     quieter = calibration.assumed.any() and noise < 0.5 * float(
@@ -152,7 +152,7 @@ def reweighed(calibration: Calibration, model: Fit) -> Calibration | None:
 
 
 def restated(calibration: Calibration, model: Fit) -> Calibration | None:
-    """The same calibration without the statements that the data refute beside effects; None where they refute none."""
+    """Repeat a calibration without the statements refuted beside effects; None if none is."""
     request, effects = calibration.request, model.effects
     if not effects:
         return None
@@ -166,7 +166,7 @@ def restated(calibration: Calibration, model: Fit) -> Calibration | None:
 
 
 def of_problem(calibration: Calibration, problem: ProblemData) -> Calibration:
-    """The same calibration of a problem that states something else of the same arm."""
+    """Repeat a calibration for another problem of its arm."""
     found, *_ = _calibration_of(replace(calibration.request, problem=problem), calibration.by, True, lambda: None)
     return replace(found, contradictions=calibration.contradictions, large=calibration.large)
 
@@ -304,7 +304,7 @@ def _fit_arm(
 
 
 def recount_rows(calibration: Calibration, kept: Mask) -> Calibration:
-    """The same estimate with other rows (N,) that count: the errors of both models are predicted anew, fold by fold."""
+    """Let other rows (N,) count: predict the errors of both models anew by folds, estimates kept."""
     request, by, fit = calibration.request, calibration.by, replace(calibration.fit, kept=kept)
     groups = groups_of(request.data, by, request.folds)
     parts = folds_of(groups, request.folds, by)

@@ -214,7 +214,7 @@ class Calibration(Result):
 
     @cached_property
     def evaluation(self) -> Any:
-        """What the calibration is held against: the ``Evaluation`` of `posture_opt.validation.evaluation`."""
+        """What the calibration is held against: the ``Evaluation`` of `posture_opt.validation.calibrated_arm`."""
         return evaluation_of(self)
 
     @cached_property

@@ -62,7 +62,7 @@ class Variance:
         return np.asarray(np.sum(G * np.linalg.solve(_seen_covariance(W, A), G), axis=(1, 2)))
 
     def transformed(self, T: Array) -> Variance:
-        """The same quantities of the new unknowns: ``L z = (L T) z'``."""
+        """Quantities of the new unknowns: ``L z = (L T) z'``."""
         return Variance(self.L @ T)
 
 

@@ -110,7 +110,7 @@ def effects_of(changes: Sequence[PossibleChange]) -> list[Effect]:
 
 
 def change_model(problem: ProblemData, measuring: MeasurementModel, pool: Array) -> MeasurementModel:
-    """The same measurements with everything that may have changed, or is uncertain, as unknowns.
+    """Measurements with everything that may have changed, or is uncertain, as unknowns.
 
     pool (N, n) postures [rad or m]; a parameter that moves the tool in none of them is left out.
     """

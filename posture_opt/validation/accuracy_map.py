@@ -124,7 +124,9 @@ def measured_errors(
         remarks.append(state("validation.frames-fitted-to-rows", frames=free))
     if not len(data):
         raise InputError(Issue("no row measures the tool point of this problem", ("--data",), hint="name other data"))
-    errors = [_position_errors(one, data) for one in (uncorrected, problem)]
+    # Model minus measurement (M, 3) [m], world; frames that the file leaves free are fitted to these rows.
+    arms = [arm_and_data(one, data)[0] for one in (uncorrected, problem)]
+    errors = [position_errors(residuals, fit_frames(residuals)) for residuals in arms]
     instrument = position_sigma(problem, data)
     place, _ = nominal_poses(problem.robot, data.q)
     cell = targets.grid.cells(place)
@@ -142,12 +144,6 @@ def measured_errors(
     return MeasuredErrors(
         place, cell, near, lengths[0], lengths[1], limits[cell], inside, comparable, reach, tuple(remarks)
     )
-
-
-def _position_errors(problem: ProblemData, data: Measurements) -> Array:
-    """Model minus measurement (M, 3) [m], world; frames that the file leaves free are fitted to these rows."""
-    residuals, _ = arm_and_data(problem, data)
-    return position_errors(residuals, fit_frames(residuals))
 
 
 def _inside_regions(robot: Robot, tool_point: ToolPoint, data: Measurements, errors: Array, instrument: float) -> Mask:
@@ -226,7 +222,12 @@ class AccuracyMap(Result):
 
     def fields_json(self) -> dict[str, Json]:
         """The document ``map.json``: SI units, finite numbers only."""
-        joints = self.targets.optimisation_problem.robot.joint_names
+        joints, entries = self.targets.optimisation_problem.robot.joint_names, list[Json]()
+        for k, point in enumerate(self.targets.map_points):
+            document, values = point.to_json(joints), ("bias", "covariance", "semi_axes95")
+            entry = {key: document[key] for key in ("position", "feasible", "reason", "posture")}
+            entry |= {name: getattr(self, name)[k].tolist() if point.feasible else None for name in values}
+            entries.append({**entry, "radius95": finite_or_none(float(self.radius95[k]))})
         return {
             "name": self.targets.problem.name,
             "task": self.targets.optimisation_problem.task.kind,
@@ -236,25 +237,10 @@ class AccuracyMap(Result):
             "effects": self.effects,
             "own": None if self.own is None else {"bias": self.own[0].tolist(), "radius95": self.own[1]},
             "grid": self.grid.to_json(),
-            "targets": [self._target(k, map_point, joints) for k, map_point in enumerate(self.targets.map_points)],
+            "targets": entries,
             "measured": None if self.measured is None else self.measured.to_json(),
             "seconds": self.targets.seconds,
             "notes": [str(note) for note in self.targets.notes],
-        }
-
-    def _target(self, k: int, map_point: MapPoint, joints: tuple[str, ...]) -> dict[str, Json]:
-        """The entry of one target under ``targets``: bias [m], covariance [m²], the 95 % region and the posture [rad or
-        m].
-        """
-        document = map_point.to_json(joints)
-        kept = {key: document[key] for key in ("position", "feasible", "reason")}
-        return {
-            **kept,
-            "bias": self.bias[k].tolist() if map_point.feasible else None,
-            "covariance": self.covariance[k].tolist() if map_point.feasible else None,
-            "semi_axes95": self.semi_axes95[k].tolist() if map_point.feasible else None,
-            "radius95": finite_or_none(float(self.radius95[k])),
-            "posture": document["posture"],
         }
 
     @property
@@ -330,20 +316,14 @@ def map_accuracy(
         own = at, float(central_radii(0.95, basis @ C @ basis.T)[0])
     measured = None if data is None else measured_errors(problem, uncorrected, data, targets, projected, tool_point)
     known_of_arm = len(problem.corrections), len(problem.arm.effects)
-    settled = _bias_without_shift(targets.grid.points, bias)
+    settled, points = np.full(len(bias), np.nan), targets.grid.points[known]
+    if np.count_nonzero(known) > 2:  # two points determine no motion of the base
+        landed = points + bias[known]
+        R, t = kabsch(landed, points)
+        settled[known] = np.linalg.norm(landed @ R.T + t - points, axis=1)
     return AccuracyMap(
         problem, targets, *known_of_arm, bias, covariance, basis, radius, semi_axes, settled, own, measured
     )
-
-
-def _bias_without_shift(points: Array, bias: Array) -> Array:
-    """(N,) [m] the bias that no shift and turn of the base would take off; NaN where there is no posture."""
-    left, known = np.full(len(points), np.nan), np.isfinite(bias[:, 0])
-    if np.count_nonzero(known) > 2:
-        landed = points[known] + bias[known]
-        R, t = kabsch(landed, points[known])
-        left[known] = np.linalg.norm(landed @ R.T + t - points[known], axis=1)
-    return left
 
 
 def _predicted_moments(tool_point: ToolPoint, map_points: Sequence[MapPoint]) -> tuple[Array, Array]:

@@ -35,12 +35,12 @@ class JointScatter:
     @property
     def without_effects(self) -> dict[str, float]:
         """The scatter from repeat to repeat without the part of the effects, where something is left."""
-        parts = {
-            name: s**2 - self.of_effects.get(name, 0.0) ** 2 - self.staying.get(name, 0.0) ** 2
-            for name, s in self.sigma.items()
-        }
-        # 1e-6 of a variance
-        return {name: math.sqrt(v) for name, v in parts.items() if v > 1e-6 * self.sigma[name] ** 2}
+        left = {}
+        for name, s in self.sigma.items():
+            variance = s**2 - self.of_effects.get(name, 0.0) ** 2 - self.staying.get(name, 0.0) ** 2
+            if variance > 1e-6 * s**2:  # less is rounding
+                left[name] = math.sqrt(variance)
+        return left
 
     @property
     def errors(self) -> Sources:
@@ -51,25 +51,24 @@ class JointScatter:
 def stated_scatter(problem: ProblemData) -> JointScatter:
     """What the problem states of the joints' scatter, without that of its effects."""
     sources, own = problem.sources, scatter_of_effects(problem.robot, problem.effects)
-    total = dict(zip(sources.names, map(float, np.sqrt(np.diag(sources.scatter))), strict=True))
-    scatter = {name: s for name, s in total.items() if s > 0}
-    if scatter:
-        return JointScatter(
-            JointScatter(scatter, of_effects=own).without_effects,
-            note="scatter of the joints as stated: the data do not determine it",
-        )
-    joints, staying = joint_errors(problem.robot), np.sqrt(np.diag(sources.constant))
-    sigma = {name: float(s) for name, s in zip(sources.names, staying, strict=True) if name in joints and s > 0}
-    if sigma:
-        return JointScatter(
-            sigma, note="the σ's of the joints, as stated, taken for their scatter: the data do not determine it"
-        )
+    open_words = "the data do not determine it"
+
+    def known(covariance: Array) -> dict[str, float]:
+        sigmas = zip(sources.names, np.sqrt(np.diag(covariance)).tolist(), strict=True)
+        return {name: s for name, s in sigmas if s > 0}
+
+    if scatter := known(sources.scatter):
+        left = JointScatter(scatter, of_effects=own).without_effects
+        return JointScatter(left, note=f"scatter of the joints as stated: {open_words}")
+    joints = joint_errors(problem.robot)
+    if sigma := {name: s for name, s in known(sources.constant).items() if name in joints}:
+        return JointScatter(sigma, note=f"the σ's of the joints, as stated, taken for their scatter: {open_words}")
     sheet = problem.robot.repeatability
-    if sheet is not None:
-        found = joint_sigmas(problem.robot, sheet.value)
-        sigma = dict(zip(found.names, map(float, found.sigma), strict=True))
-        return JointScatter(sigma, note="scatter of the joints from the data sheet: the data do not determine it")
-    return JointScatter(note="the data show no scatter of the joints, and none is stated")
+    if sheet is None:
+        return JointScatter(note="the data show no scatter of the joints, and none is stated")
+    found = joint_sigmas(problem.robot, sheet.value)
+    sigma = dict(zip(found.names, map(float, found.sigma), strict=True))
+    return JointScatter(sigma, note=f"scatter of the joints from the data sheet: {open_words}")
 
 
 def scatter_of_effects(robot: Robot, effects: Sequence[object]) -> dict[str, float]:
@@ -161,16 +160,23 @@ def nominal_prediction(
     x (k,) deviations with the free frames fitted; instrument: σ of a coordinate [m]; errors: sources of the problem;
     folds: rows of each fold; kept: (N,) rows that are no outliers.
     """
-    N, d, block = len(residuals.data), len(residuals.axes), residuals.block
-    B, F = residuals.sensitivities(errors.names, x), _free_columns(residuals, x)
+    N, d, block, free = len(residuals.data), len(residuals.axes), residuals.block, residuals.free
+    B = residuals.sensitivities(errors.names, x)
+    F = residuals.residuals_and_jacobian(x)[1][: residuals.measured, free].reshape(N, block, len(free))
     V = B @ errors.scatter @ np.swapaxes(B, -1, -2)
     V[:, range(block), range(block)] += np.where(np.arange(block) < d, (instrument / residuals.sigma) ** 2, 1.0)
-    root = _full_rank_root(errors.constant)
+    scale, values, vectors = _principal_axes(errors.constant)
+    root = scale[:, None] * vectors[:, values > 1e-12] * np.sqrt(values[values > 1e-12])
     common, scatter = np.zeros((N, d, root.shape[1])), np.zeros((N, d, d))
     for left_out in folds:
         train = kept.copy()
         train[left_out] = False
-        G = _pseudo_inverse(F[train]).reshape(F.shape[2], int(train.sum()), block)
+        # The pseudo-inverse of columns of length one: what the data do not determine, they do not move.
+        rows = int(train.sum())
+        flat = F[train].reshape(rows * block, len(free))
+        length = np.linalg.norm(flat, axis=0)
+        unit = np.divide(1.0, length, out=np.zeros_like(length), where=length > 0)
+        G = (unit[:, None] * np.linalg.pinv(flat * unit, rcond=1e-6)).reshape(len(free), rows, block)
         Fi = F[left_out][:, :d]
         A = B[left_out][:, :d] - Fi @ np.einsum("pnb,nbk->pk", G, B[train])
         fitted = np.einsum("pnb,nbc,qnc->pq", G, V[train], G, optimize=True)
@@ -210,13 +216,6 @@ def scatter_covariances(residuals: Residuals, x: Array, scatter: Array, instrume
     return _about_points(residuals.data, own)
 
 
-def _full_rank_root(covariance: Array) -> Array:
-    """``R`` (k, r) with ``R Rᵀ`` the covariance, of rank r."""
-    scale, values, vectors = _principal_axes(covariance)
-    kept = values > 1e-12
-    return np.asarray(scale[:, None] * vectors[:, kept] * np.sqrt(values[kept]))
-
-
 def symmetric_root(covariance: Array) -> Array:
     """The ``R`` (k, k), ``R Rᵀ`` the covariance, that hardly changes with it: symmetric in correlations."""
     scale, values, vectors = _principal_axes(covariance)
@@ -229,22 +228,6 @@ def _principal_axes(covariance: Array) -> tuple[Array, Array, Array]:
     safe = np.where(scale > 0, scale, 1.0)
     values, vectors = np.linalg.eigh(covariance / np.outer(safe, safe))
     return scale, values, vectors
-
-
-def _free_columns(residuals: Residuals, x: Array) -> Array:
-    """Columns (N, block, f) of free frames and touched points in the Jacobian at x (k,)."""
-    N, free = len(residuals.data), residuals.free
-    return np.asarray(
-        residuals.residuals_and_jacobian(x)[1][: N * residuals.block, free].reshape(N, residuals.block, len(free))
-    )
-
-
-def _pseudo_inverse(F: Array) -> Array:
-    """Of the columns (m, b, p) stacked, each scaled to length one: what the data do not determine, they do not move."""
-    flat = F.reshape(F.shape[0] * F.shape[1], F.shape[2])
-    length = np.linalg.norm(flat, axis=0)
-    scale = np.divide(1.0, length, out=np.zeros_like(length), where=length > 0)
-    return np.asarray(scale[:, None] * np.linalg.pinv(flat * scale, rcond=1e-6))
 
 
 def _about_points(data: Measurements, scatter: Array) -> Array:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -30,9 +29,23 @@ class PosePerformance:
     line: int  # of the first repeat in the file
     nominal: PositionPerformance  # nominal, calibrated: their accuracies differ, repeatability is the arm's
     calibrated: PositionPerformance
-    # of small rotations about x, y and z of the world against the calibrated model; empty where no orientation was
-    # measured. Their accuracy counts only where the model's orientation was fitted
+    # Of small rotations about x, y and z of the world against the calibrated model, where orientation was measured;
+    # their accuracy counts only where the model's orientation was fitted.
     orientation: tuple[OrientationPerformance, ...] = ()
+
+    def to_json(self, oriented: bool) -> dict[str, Json]:
+        models = {"nominal": self.nominal, "calibrated": self.calibrated}
+        document: dict[str, Json] = {
+            "line": self.line,
+            "n": self.nominal.n,
+            **{k: {"AP": m.accuracy, "AP_interval95": list(m.accuracy_interval)} for k, m in models.items()},
+            "RP": self.nominal.repeatability,
+            "RP_interval95": list(self.nominal.repeatability_interval),
+        }
+        if self.orientation:
+            document["orientation_RP"] = [angle.repeatability for angle in self.orientation]
+            document["orientation_AP"] = [angle.accuracy for angle in self.orientation] if oriented else None
+        return document
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +68,7 @@ class Repeats:
         return {
             "visits": self.rows, "groups": self.groups, "dof": self.dof, "covariance": self.covariance.tolist(),
             "sigma": self.sigma, "sigma_interval95": list(self.interval), "repeatability": self.repeatability,
-            "poses": [_pose_json(pose, self.oriented) for pose in self.poses], "odd": list(self.outlying),
+            "poses": [pose.to_json(self.oriented) for pose in self.poses], "odd": list(self.outlying),
         }  # fmt: skip
 
 
@@ -129,7 +142,12 @@ def goals_of(data: Measurements, errors: dict[str, Array]) -> Goals | None:
     """
     if data.position is None or not data.goal_given:
         return None
-    pairs = list(_posture_pairs(data))
+    pairs: list[tuple[Codes, Codes]] = []
+    for rows in rows_of(data.goal * (data.target.max(initial=0) + 1) + data.target):
+        postures = [rows[mine] for mine in rows_of(data.pose[rows])]
+        # 20 postures of one goal, 190 pairs, evenly over the file
+        some = np.unique(np.linspace(0, len(postures) - 1, min(len(postures), 20)).round().astype(int))
+        pairs += combinations([postures[k] for k in some], 2)
     if not pairs:
         return None
     goals = len({int(data.goal[a[0]]) for a, _ in pairs})
@@ -144,14 +162,6 @@ def goals_of(data: Measurements, errors: dict[str, Array]) -> Goals | None:
     )
 
 
-def _posture_pairs(data: Measurements) -> Iterator[tuple[Codes, Codes]]:
-    for rows in rows_of(data.goal * (data.target.max(initial=0) + 1) + data.target):
-        postures = [rows[mine] for mine in rows_of(data.pose[rows])]
-        # 20 of one goal, 190 pairs
-        some = np.unique(np.linspace(0, len(postures) - 1, min(len(postures), 20)).round().astype(int))
-        yield from combinations([postures[k] for k in some], 2)
-
-
 def _pose_performance(
     data: Measurements, deviations: dict[str, Array], rotations: Array | None, rows: Codes
 ) -> PosePerformance:
@@ -162,16 +172,3 @@ def _pose_performance(
     calibrated = replace(nominal, accuracy=accuracy, accuracy_interval=interval)
     turned = () if rotations is None else tuple(orientation_performance(angle, 0.0) for angle in rotations[rows].T)
     return PosePerformance(int(data.line[rows[0]]), nominal, calibrated, turned)
-
-
-def _pose_json(pose: PosePerformance, oriented: bool) -> dict[str, Json]:
-    """An entry of ``repeats.poses``: AP and RP with their intervals [m], of rotations [rad]."""
-    document: dict[str, Json] = {"line": pose.line, "n": pose.nominal.n}
-    for name, found in (("nominal", pose.nominal), ("calibrated", pose.calibrated)):
-        document[name] = {"AP": found.accuracy, "AP_interval95": list(found.accuracy_interval)}
-    document["RP"] = pose.nominal.repeatability
-    document["RP_interval95"] = list(pose.nominal.repeatability_interval)
-    if pose.orientation:
-        document["orientation_RP"] = [angle.repeatability for angle in pose.orientation]
-        document["orientation_AP"] = [angle.accuracy for angle in pose.orientation] if oriented else None
-    return document

@@ -191,7 +191,7 @@ class Fit:
         return places
 
     def keeping(self, effects: Sequence[int]) -> Fit:
-        """The same estimate without the other effects, nothing fitted again: as certain as all was together."""
+        """Drop all other effects from the estimate, nothing fitted again."""
         rows = self.places_of(effects)
         steps = np.flatnonzero(np.any(self.directions[rows], axis=0)).tolist()
         return replace(
@@ -276,7 +276,7 @@ def minimum_of(residuals: Residuals, x0: Array, directions: Array, known: Array)
 
 
 def with_clustered_errors(fit: Fit) -> Fit:
-    """The same estimate with the covariance that its residuals ask for where they are correlated within blocks.
+    """Replace the covariance by one for residuals correlated within blocks.
 
     Source: Liang, Zeger (1986), see `clustered_covariance`.
     """

@@ -136,7 +136,7 @@ def explain_undetermined(names: Sequence[str], null: Array, idle: Mask, R: Array
 
 
 def sparse_basis(null: Array) -> Array:
-    """The same null space (k, d) in reduced echelon form, on the d parameters that span it best."""
+    """Reduced echelon form of a null space (k, d), on the d parameters that span it best."""
     k = len(null)
     null = null[:, np.linalg.norm(null, axis=0) > 1e-6] if k else null
     U, s, _ = np.linalg.svd(null, full_matrices=False) if null.size else (np.zeros((k, 0)), np.zeros(0), None)

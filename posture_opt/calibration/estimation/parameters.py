@@ -138,7 +138,7 @@ class Prior:
         return cls(tuple(rows), (vectors / np.sqrt(np.maximum(values, 1e-8))).T / sigma)
 
     def counted_as(self, known: Prior) -> Prior:
-        """The same weight in an estimate, whose errors are counted with what is ``known`` of the same rows."""
+        """Weigh as before in an estimate, and count errors with another knowledge of these rows."""
         return replace(self, errors=known.W)
 
     @property

@@ -111,16 +111,16 @@ class Residuals:
         return [np.ascontiguousarray(column) for column in self.data.q.T]
 
     def of_data(self, data: Measurements, distances: tuple[Distance, ...] = ()) -> Residuals:
-        """The same arm and parameters against other measurements."""
+        """Arm and parameters against other measurements."""
         data = counted(data, self.further)
         return replace(self, arm=arm_for(self.arm, data), data=data, distances=distances)
 
     def of_robot(self, robot: Robot, parameters: tuple[Parameter, ...]) -> Residuals:
-        """The same measurements against a robot with other frames or other nominal values."""
+        """Measurements against a robot with other frames or nominal values."""
         return replace(self, arm=replace(self.arm, robot=robot), parameters=parameters)
 
     def with_effects(self, effects: Sequence[Effect], x: Array) -> Residuals:
-        """The same residuals with the parameters of effects, and their smooth shapes, as further unknowns."""
+        """Add the parameters of effects and their smooth shapes as unknowns, zero effects at zero deviations."""
         known = {effect.name for effect in self.arm.effects}
         new = [e.with_estimate([0.0] * len(e.dimensions)) for e in effects if e.name not in known]
         robot = replace(self.robot, gravity=gravity_of(self.robot, self.frames(x)))
@@ -129,7 +129,7 @@ class Residuals:
         return replace(self, arm=arm, parameters=(*self.parameters, *parameters))
 
     def with_parameters(self, parameters: Sequence[Parameter]) -> Residuals:
-        """The same residuals by some of the parameters; effects that would do nothing any more are gone."""
+        """Keep some of the parameters, and the effects that still do something."""
         sources = {p.source for p in parameters}
         effects = tuple(e for e in self.arm.effects if sources & set(e.parameter_names) or any(e.values))
         return replace(self, arm=replace(self.arm, effects=effects), parameters=tuple(parameters))

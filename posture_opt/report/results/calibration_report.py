@@ -43,7 +43,7 @@ from posture_opt.units import ERROR_UNITS, fixed, number
 
 if TYPE_CHECKING:
     from posture_opt.calibration.calibration import Calibration
-    from posture_opt.validation.evaluation import Evaluation
+    from posture_opt.validation.calibrated_arm import Evaluation
 
 
 def parameters_block(found: Calibration) -> Block:
