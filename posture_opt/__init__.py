@@ -30,7 +30,6 @@ Inside everything is SI and radians. Wrong input raises ``errors.InputError``, a
 
 from __future__ import annotations
 
-import re
 import warnings
 from functools import partial
 from importlib import import_module
@@ -204,10 +203,22 @@ def __dir__() -> list[str]:
     return sorted({*globals(), *__all__})
 
 
+_PRESENTED_IN = {
+    **dict.fromkeys(("TargetMap", "AccuracyMap"), "map"),
+    **dict.fromkeys(("Assessment", "SpreadCheck"), "assessment"),
+    **dict.fromkeys(("Batch", "BatchDiagnosis"), "batch"),
+    **dict.fromkeys(("Spread", "Cloud"), "spread"),
+    **dict.fromkeys(("MeasurementPlan", "Recheck"), "plan"),
+    **dict.fromkeys(("Problem", "Measurements"), "input"),
+    "PostureBatch": "posture_batch",
+}
+"""Results whose presenter is not in the file of their own name: ``TargetMap`` is in ``map_report.py``."""
+
+
 def presenter_of(result: object) -> Any:
-    """``TargetMap`` is presented by ``TargetMapPresenter`` of ``report/results/target_map_report.py``."""
+    """``TargetMap`` is presented by ``TargetMapPresenter`` of a file in ``report/results``."""
     name = type(result).__name__
-    file = re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower()
+    file = _PRESENTED_IN.get(name, name.lower())
     return getattr(import_module(f"posture_opt.report.results.{file}_report"), f"{name}Presenter")(result)
 
 

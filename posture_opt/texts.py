@@ -5,6 +5,7 @@ Source of the cells: RFC 4180, section 2; OWASP, "CSV Injection".
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable
 from typing import Any
@@ -72,6 +73,14 @@ _FORMULA = re.compile(r"\s*'*[=+\-@]")
 # Digits and the marks between them: no formula, whatever sign it begins with.
 _NUMBER = re.compile(r"\s*[-+]?[\d.,'\s]*\d[\d.,'\s]*(?:[eE][-+]?\d+)?\s*|\s*[-+]?(?:nan|inf)\s*", re.IGNORECASE)
 _GUARDED = re.compile(r"\s*'(?='*[=+\-@])")
+
+
+def number_or_nan(text: str) -> float:
+    """The number that a text is; NaN where it is none."""
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
 
 
 def csv_line(cells: Iterable[str], separator: str = ", ") -> str:

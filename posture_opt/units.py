@@ -359,7 +359,7 @@ def shown(value: float, dimension: str, std: float = math.nan) -> str:
     """A small quantity of a dimension in the unit that reports use.
 
     Args:
-        value, std: [SI]; lengths below 10 µm are written in µm, others in mm.
+        value, std: [SI]; lengths below 10 µm are written in µm, others in mm; times below 1 s in ms, others in min.
 
     Example:
         >>> shown(8e-6, "angle per torque"), shown(2.61e-4, "angle", 1.2e-5)
@@ -367,6 +367,8 @@ def shown(value: float, dimension: str, std: float = math.nan) -> str:
     """
     if dimension == "length":
         return plus_minus(value, std, *((1e6, "µm") if abs(value) < 1e-5 else (1e3, "mm")))
+    if dimension == "time" and abs(value) < 1.0:
+        return plus_minus(value, std, 1e3, "ms")
     return plus_minus(value, std, *SHOWN[dimension])
 
 

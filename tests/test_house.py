@@ -62,10 +62,9 @@ LAZY = {
     "posture_opt.workers.dask_cluster": "Dask, when it is asked for",
     "posture_opt.cli.posture": "the live page, and a browser, when it is asked for",
     "posture_opt.explore.server": "viser, when a page is served",
-    "posture_opt.report.page.library": "plotly, when a page is to have a view",
-    "posture_opt.report.page.new_figure": "matplotlib, when a figure is drawn",
+    "posture_opt.report.page.page": "plotly, when a page is to have a view",
     "posture_opt.report.page.presenter": "pandas, when a table is asked for",
-    "posture_opt.report.results.drawing_files": "figures and views of one posture, when they are drawn",
+    "posture_opt.report.results": "figures and views of one posture, when they are drawn",
 }
 """The files that import by name, and what for."""
 
@@ -339,7 +338,7 @@ def test_a_report_as_text_loads_nothing_that_draws() -> None:
         "import posture_opt as po; from posture_opt.problem.load import builtin_problem;"
         "found = po.select_posture(builtin_problem('insert')); found.report(), found.summary()"
     )
-    drawing = tuple(f"posture_opt.report.{folder}" for folder in ("scene", "figures", "interactive"))
+    drawing = tuple(f"posture_opt.report.{folder}" for folder in ("scene", "figures"))
     assert loaded_by(code, ("matplotlib", "plotly", "pandas", "jinja2", *drawing)) == []
 
 

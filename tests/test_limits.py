@@ -10,8 +10,8 @@ import yaml
 
 import posture_opt as po
 from posture_opt import limits
+from posture_opt.files import problems_folder
 from posture_opt.limits import LIMITS, Budget
-from posture_opt.problem.load import problems_folder
 
 PLANAR: dict[str, Any] = yaml.safe_load((problems_folder() / "insert_planar_2r.yaml").read_text("utf-8"))
 MEASURED = "insert_planar_2r_measured"

@@ -18,10 +18,8 @@ from posture_opt.model.effects import CATALOGUE
 from posture_opt.output import json_text
 from posture_opt.problem.load import load_builtin
 from posture_opt.problem.schema import TITLE, json_schema
-from posture_opt.problem.starter import starter_text
-from posture_opt.problem.urdf_starter import urdf_starter_text
-from posture_opt.report.text.text import terminal_width
-from posture_opt.report.text.text_table import text_table
+from posture_opt.problem.starter import starter_text, urdf_starter_text
+from posture_opt.report.text.text import terminal_width, text_table
 from posture_opt.robot import load_preset
 from posture_opt.selection.registered_tasks import every_task, registered_tasks
 from posture_opt.selection.solvers import SOLVERS

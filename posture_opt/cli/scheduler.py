@@ -17,7 +17,7 @@ from posture_opt.cli.options import Command, Common, add_options
 from posture_opt.errors import InputError
 from posture_opt.files import located, naming
 from posture_opt.files import opened as opened_file
-from posture_opt.measurements.text_lines import MAX_BYTES
+from posture_opt.measurements.table import MAX_BYTES
 from posture_opt.workers import Workers, opened
 from posture_opt.workers.checkpoint import Checkpoint
 from posture_opt.workers.dask_cluster import scheduled

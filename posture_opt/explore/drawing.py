@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from posture_opt.numerics import Array
-from posture_opt.report.interactive.triangles import Triangles
 from posture_opt.report.scene.arm_solids import COLOURS, Role, Solid
+from posture_opt.report.scene.arm_view import Triangles
 
 if TYPE_CHECKING:
     import viser

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from posture_opt.collision.narrowest import narrowest
+from posture_opt.collision.scene import narrowest
 from posture_opt.errors import InputError, Issue
 from posture_opt.explore.answers import Answer, Answers, Request, has_stations
 from posture_opt.explore.live_scene import LiveScene
@@ -18,12 +18,11 @@ from posture_opt.explore.server import served, stop
 from posture_opt.explore.taken_away import TakenAway, millimetres, places_of, position_of
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array
-from posture_opt.problem.plain_data import Plain
 from posture_opt.problem.problem import Problem
+from posture_opt.problem.yaml_source import Plain
 from posture_opt.report.scene.arm_geometry import ArmGeometry
 from posture_opt.report.scene.arm_solids import ArmSolids
-from posture_opt.robot.joint_ranges import drawn_between
-from posture_opt.robot.posture import Posture
+from posture_opt.robot.posture import Posture, drawn_between
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.uncertainty.spread.spread import Spread, propagate
 

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from posture_opt.collision.narrowest import Gap
-from posture_opt.collision.scene import Scene
+from posture_opt.collision.scene import Gap, Scene
 from posture_opt.explore.drawing import (
     OPACITY,
     add_grid,
@@ -24,7 +23,6 @@ from posture_opt.explore.drawing import (
     wxyz,
 )
 from posture_opt.numerics import Array
-from posture_opt.report.interactive.triangles import Triangles, arrow
 from posture_opt.report.page.colours import BLUE, PURPLE, VERMILLION
 from posture_opt.report.scene.arm_geometry import (
     ARROW_SHARE,
@@ -37,6 +35,7 @@ from posture_opt.report.scene.arm_geometry import (
     obstacles_near,
 )
 from posture_opt.report.scene.arm_solids import COLOURS, ArmSolids
+from posture_opt.report.scene.arm_view import Triangles, arrow
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.uncertainty.simulation.cloud import cloud_of
 

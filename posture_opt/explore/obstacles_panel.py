@@ -15,9 +15,9 @@ from posture_opt.collision.obstacles import OBSTACLES
 from posture_opt.collision.obstacles.obstacle import Obstacle
 from posture_opt.explore.drawing import on_user
 from posture_opt.numerics import Array
-from posture_opt.problem.plain_data import Plain, Section
 from posture_opt.problem.problem import Problem
 from posture_opt.problem.schema import nodes_at
+from posture_opt.problem.yaml_source import Plain, Section
 
 if TYPE_CHECKING:
     import viser

@@ -20,8 +20,8 @@ from posture_opt.explore.obstacles_panel import ObstaclesPanel
 from posture_opt.explore.stations import Stations
 from posture_opt.explore.task_panel import TaskPanel
 from posture_opt.numerics import Array
-from posture_opt.problem.plain_data import Plain
 from posture_opt.problem.problem import Problem
+from posture_opt.problem.yaml_source import Plain
 from posture_opt.report.page.colours import BLUE, LIGHT
 from posture_opt.statements.notation import length, sentence
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from posture_opt.report.scene.arm_geometry import ArmGeometry
     from posture_opt.selection.answer.solution import Solution
-    from posture_opt.uncertainty.spread.budget_groups import ShareGroup
+    from posture_opt.uncertainty.spread.budget import ShareGroup
     from posture_opt.uncertainty.spread.spread import Spread
 
 

@@ -11,8 +11,8 @@ import numpy as np
 
 from posture_opt.explore.drawing import add_handle, add_lines, add_points, line, on_user
 from posture_opt.numerics import Array
-from posture_opt.problem.plain_data import Plain
 from posture_opt.problem.problem import Problem
+from posture_opt.problem.yaml_source import Plain
 from posture_opt.report.page.colours import GREY, mapped_colours
 from posture_opt.report.scene.arm_geometry import ArmGeometry
 from posture_opt.statements.notation import stated

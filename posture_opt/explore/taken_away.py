@@ -15,9 +15,8 @@ from posture_opt.errors import InputError
 from posture_opt.files import content, problems_folder
 from posture_opt.numerics import Array
 from posture_opt.output import write_file
-from posture_opt.problem.edited_text import edited
 from posture_opt.problem.problem import Problem
-from posture_opt.problem.yaml_source import MAX_BYTES, parse_yaml
+from posture_opt.problem.yaml_source import MAX_BYTES, edited, parse_yaml
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.tasks.path_task import PathTask
 

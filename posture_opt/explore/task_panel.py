@@ -9,8 +9,8 @@ from html import escape
 from typing import TYPE_CHECKING, Any, get_args
 
 from posture_opt.explore.drawing import on_user
-from posture_opt.problem.plain_data import Plain
 from posture_opt.problem.problem import Problem
+from posture_opt.problem.yaml_source import Plain
 from posture_opt.statements.notation import stated
 from posture_opt.units import parse_quantity
 

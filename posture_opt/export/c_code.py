@@ -13,7 +13,7 @@ from posture_opt.model.c_rows import literal
 from posture_opt.model.c_source import c_source
 from posture_opt.model.compiled import BatchFunction
 from posture_opt.numerics import Array
-from posture_opt.robot.joint_ranges import drawn_between
+from posture_opt.robot.posture import drawn_between
 from posture_opt.robot.robot import Robot
 from posture_opt.uncertainty.spread.spread_function import spread_expressions
 

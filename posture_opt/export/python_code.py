@@ -11,7 +11,7 @@ from typing import ClassVar, Literal
 
 from posture_opt import __version__
 from posture_opt.export.export_format import Exported, ExportFormat, ExportSource, objective_or_note
-from posture_opt.model.python_source import python_source
+from posture_opt.model.c_source import python_source
 from posture_opt.texts import one_line
 from posture_opt.uncertainty.spread.spread_function import spread_expressions
 

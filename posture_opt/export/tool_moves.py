@@ -17,8 +17,8 @@ import numpy as np
 from posture_opt.errors import NoSolutionError, listed
 from posture_opt.model.arm import Arm
 from posture_opt.numerics import Array, Codes, Mask
-from posture_opt.selection.answer.held_joints import held_joints
 from posture_opt.selection.problem_data import ProblemData
+from posture_opt.selection.program.optimisation_problem import held_joints
 from posture_opt.selection.search.search_outcome import is_clear
 from posture_opt.uncertainty.spread.joint_digits import joint_digits
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,11 +13,32 @@ from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.comparison.compare import compare_plans
 from posture_opt.selection.comparison.comparison import Comparison
-from posture_opt.selection.fitted_arm import FittedArm
-from posture_opt.selection.problem_data import ProblemData
-from posture_opt.validation.calibrated_second_arm import second_arms
+from posture_opt.selection.problem_data import FittedArm, ProblemData
+from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.validation.prediction import JointScatter
 from posture_opt.validation.residual_scatter import covariance_under, residual_scatter
+
+
+def second_arms(
+    calibration: Calibration, x: Array, covariance: Array, label: str, header: Sequence[str]
+) -> dict[str, FittedArm]:
+    """Name -> the second arm with its parameters that were found; none where it is held.
+
+    x (k,) deviations of the parameters of the calibration [rad or m]; covariance: (k, k) of these.
+    """
+    at = {p.name: i for i, p in enumerate(calibration.parameters)}
+    found = {}
+    for name, second in calibration.residuals.data.kind.second_arms.items():
+        if not second.unknowns:
+            continue
+        own = [at[f"{name}.{parameter}"] for parameter in second.unknowns]
+        known = persistent_sources(
+            second.robot, Sources.independent(second.sigmas), second.unknowns, covariance[np.ix_(own, own)]
+        )
+        deviations = dict(zip(second.unknowns, map(float, x[own]), strict=True))
+        found[name] = FittedArm(label=label, deviations=deviations, known=known, header=tuple(header))
+    return found
+
 
 FREE_BASE = (
     "the base is free, so the world is the frame of the instrument, and the place of the task is read in it: write "
@@ -27,12 +48,7 @@ NOMINAL_KEPT = "Geometry is nominal: the data do not show surely enough that the
 
 
 def calibrated_arm(problem: ProblemData, calibration: Calibration) -> FittedArm:
-    """The arm with its calibrated parameters, what is still uncertain of them, and its scatter.
-
-    Every deviation counts, those too that are determined together only. Of several targets the first is the tool
-    point. The covariance is the estimate's, under the scatter from repeat to repeat that the calibration leaves; where
-    the nominal arm is kept, the mean square about that one.
-    """
+    """The arm with its calibrated parameters, what is still uncertain of them, and its scatter."""
     scatter = residual_scatter(problem, calibration)
     places = places_in_robot(calibration.parameters)
     own = list(places.values())
@@ -50,21 +66,14 @@ def calibrated_arm(problem: ProblemData, calibration: Calibration) -> FittedArm:
 
 
 def nominal_arm(calibration: Calibration) -> FittedArm:
-    """The nominal arm where the measurements saw it: free frames are found, and nothing else is fitted.
-
-    Its document is what a controller with the file's parameters would do; errors stay those of the problem.
-    """
+    """The nominal arm where the measurements saw it: free frames are found, and nothing else is fitted."""
     parameters = calibration.parameters
     frames = {name: i for name, i in places_in_robot(parameters).items() if parameters[i].group in ("base", "tool")}
     return FittedArm("", {name: float(calibration.x_nominal[i]) for name, i in frames.items()})
 
 
 def calibrated_models(problem: ProblemData, calibration: Calibration) -> dict[str, ProblemData]:
-    """The problem before calibration, its free frames found, and calibrated.
-
-    Returns:
-        Problems by name, ``nominal`` and ``calibrated``.
-    """
+    """The problem before calibration, its free frames found, and calibrated."""
     return {
         "nominal": problem.with_fit(nominal_arm(calibration)),
         "calibrated": problem.with_fit(calibrated_arm(problem, calibration)),
@@ -77,17 +86,13 @@ def compare_models(
 ) -> Comparison | None:  # fmt: skip
     """The task planned with models that were fitted to the data of one ``robot``; None without a task.
 
-    Args:
-        measured: (N, n) postures of these data [rad or m].
-        robot: says whether the base is free, so that the task's place is read in the frame of the instrument.
-        models: problems by name, the one in question last; seed, workers: of the plans.
+    measured (N, n) postures of these data [rad or m].
     """
     hint = FREE_BASE if robot.base_free else ""
     return compare_plans(models, seed=seed, workers=workers, hint=hint, measured=measured)
 
 
 def _file_header(calibration: Calibration, scatter: JointScatter) -> tuple[str, ...]:
-    """What the file says of itself in its first lines."""
     data = calibration.residuals.data
     file = Path(data.file).name or "a table"
     gone = f", {len(calibration.outliers)} of them left out as outliers" if calibration.outliers else ""

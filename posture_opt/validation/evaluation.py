@@ -14,20 +14,12 @@ from posture_opt.validation.assessment import Assessment, assess
 from posture_opt.validation.calibrated_arm import calibrated_models, compare_models
 from posture_opt.validation.spread_check import SpreadCheck, check_spread
 
-_MIN_NOISE_SHARE = 0.5**0.5  # of a standard deviation: less is less than half of the variance
-
 
 @dataclass(frozen=True, eq=False)
 class Evaluation(DerivedAgain):
-    """The residuals of a calibration, the spread that it predicts, and its task planned again, each computed once.
+    """The residuals of a calibration, the spread that it predicts, and its task planned again, each computed once."""
 
-    Its parts are computed when they are first asked for, and not again.
-
-    Args:
-        calibration: with its request: problem, measurements, and whether the task is planned again.
-    """
-
-    calibration: Calibration
+    calibration: Calibration  # with its request: problem, measurements, and whether the task is planned again
 
     @cached_property
     def assessment(self) -> Assessment:
@@ -46,10 +38,7 @@ class Evaluation(DerivedAgain):
 
     @cached_property
     def comparison(self) -> Comparison | None:
-        """The task planned before and after; None where there is no task, or nobody asked.
-
-        The calibrated arm has another best posture than the nominal one where its errors differ enough.
-        """
+        """The task planned before and after; None where there is no task, or nobody asked."""
         request = self.calibration.request
         if not request.plan:
             return None
@@ -57,26 +46,20 @@ class Evaluation(DerivedAgain):
 
     @cached_property
     def statements(self) -> tuple[Statement, ...]:
-        """What follows from it: the task planned again, doubts about the spread, and the next step."""
-        parts = (self.assessment, self.spread_check)
-        doubts = (one for part in parts for one in part.statements if one.severity != "result")
-        return (*(() if self.comparison is None else self.comparison.statements), *self._next_step, *doubts)
-
-    @property
-    def _next_step(self) -> tuple[Statement, ...]:
-        """The most urgent step: a systematic error comes before open parameters, these before repeats."""
+        """What follows from it: the task planned again, the next step, and doubts about the spread."""
         seen, found = self.assessment, self.calibration
-        steps = {
+        steps = {  # the most urgent one: a systematic error comes before open parameters, these before repeats
             "diagnose": not seen.calibrated.zero,
-            "diagnose-scatter": 0 < seen.instrument < _MIN_NOISE_SHARE * seen.calibrated.coordinate,
+            "diagnose-scatter": 0 < seen.instrument < 0.5**0.5 * seen.calibrated.coordinate,  # half of the variance
             "plan-measurements": bool(found.identifiability.words),
             "repeat": seen.repeats is None and found.request.data.position is not None,
             "plan-task": True,
         }
-        return (state(f"calibration.next-{next(step for step, due in steps.items() if due)}"),)
+        step = state(f"calibration.next-{next(step for step, due in steps.items() if due)}")
+        doubts = (one for part in (seen, self.spread_check) for one in part.statements if one.severity != "result")
+        return (*(() if self.comparison is None else self.comparison.statements), step, *doubts)
 
     def to_json(self) -> dict[str, Json]:
-        """Its part of the document ``calibration.json``."""
         plan = {} if self.comparison is None else {"posture": self.comparison.fields_json()}
         return {
             "assessment": self.assessment.fields_json(),

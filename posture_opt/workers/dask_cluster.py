@@ -54,7 +54,8 @@ class DaskWorkers(Workers):
             hint = "start it again; what a --checkpoint holds is not lost"
             raise InputError(Issue(f"the workers were lost ({type(error).__name__})", _OPTION, hint=hint)) from error
         finally:
-            self._client.cancel(list(running))
+            with suppress(dask.client.ClosedClientError):  # a scheduler that is gone has nothing to cancel
+                self._client.cancel(list(running))
 
     def close(self) -> None:
         """Close the connection, and end the workers that were started for it."""

@@ -16,7 +16,7 @@ from posture_opt.cli.completion import TASK, completed_files
 from posture_opt.cli.main import COMMANDS, main
 from posture_opt.export import ARM_FORMATS, PROGRAM_FORMATS
 from posture_opt.export.export_files import export_kinds
-from posture_opt.problem.load import builtin_names
+from posture_opt.files import builtin_names
 from posture_opt.selection.tasks import TASKS
 
 FILES = ("my cell.yaml", "mine.yml", "data.csv", "arm.urdf", "notes.txt", "results/")
