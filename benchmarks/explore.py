@@ -26,7 +26,7 @@ def costs(name: str, moves: int) -> list[float]:
     """Medians of problem, solve, page and their sum over a circle of targets [ms of CPU]."""
     with po.load_problem(name).explore(port=18300) as page:
         assert isinstance(page, Explorer)
-        page.end_search()
+        page._answers.end()
         compiled(page.problem)  # as another process does while the first answers are interpreted
         answers, start, parts = Answers(lambda _: None), np.array(page.target), []
         try:

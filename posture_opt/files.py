@@ -1,6 +1,4 @@
-"""Every file that is read is opened here: those that users name are found, or refused with a hint, and never read
-beyond a limit; those that are part of the package are texts.
-"""
+"""Every file that is read is opened here: found, or refused with a hint, and never read beyond a limit."""
 
 from __future__ import annotations
 
@@ -59,7 +57,12 @@ def opened(path: Path, most: int) -> Iterator[BinaryIO]:
     """A regular file of at most ``most`` bytes, open to be read; devices and pipes may have no end, and are refused."""
     _check_name(str(path))
     try:
-        _check_file(path.stat(), most)
+        status = path.stat()
+        if not stat.S_ISREG(status.st_mode):
+            kind = "a folder" if stat.S_ISDIR(status.st_mode) else "a device or a pipe"
+            raise InputError(Issue(f"this is {kind}, not a file", hint="name a file"))
+        if status.st_size > most:
+            raise InputError(Issue(f"the file is larger than {most / 1e6:g} MB"))
         with path.open("rb") as stream:
             yield stream
     except FileNotFoundError:
@@ -68,14 +71,6 @@ def opened(path: Path, most: int) -> Iterator[BinaryIO]:
         raise InputError(Issue("no such file", hint=hint)) from None
     except OSError as error:
         raise InputError(Issue(f"the file cannot be read ({error.strerror or error})")) from None
-
-
-def _check_file(status: os.stat_result, most: int) -> None:
-    if not stat.S_ISREG(status.st_mode):
-        kind = "a folder" if stat.S_ISDIR(status.st_mode) else "a device or a pipe"
-        raise InputError(Issue(f"this is {kind}, not a file", hint="name a file"))
-    if status.st_size > most:
-        raise InputError(Issue(f"the file is larger than {most / 1e6:g} MB"))
 
 
 def content(path: Path, most: int) -> bytes:

@@ -40,9 +40,6 @@ def rms_length(vectors: Array) -> float:
     return float(np.sqrt(np.mean(np.sum(np.square(vectors), axis=1))))
 
 
-_CLEAR_RANK = 1e-9  # Of the largest eigenvalue of a Gram matrix: above it the rank is full beyond doubt
-
-
 def factored_columns(A: Array) -> tuple[Array, Array] | None:
     """``A = Q K`` of many rows (m, k), Q orthonormal to rounding and K (k, k); None where the rank may not be full.
 
@@ -52,7 +49,7 @@ def factored_columns(A: Array) -> tuple[Array, Array] | None:
     Source: Yamamoto, Nakatsukasa, Yanagisawa, Fukaya (2015), CholeskyQR2.
     """
     values, vectors = np.linalg.eigh(A.T @ A)
-    if not values.min(initial=1.0) > _CLEAR_RANK * values.max(initial=1.0):
+    if not values.min(initial=1.0) > 1e-9 * values.max(initial=1.0):  # of a Gram matrix: the rank may not be full
         return None
     root = np.sqrt(values)
     Q = A @ (vectors / root)
@@ -64,7 +61,7 @@ def thin_svd(A: Array) -> tuple[Array, Array, Array]:
     """``A = U diag(s) Vᵀ`` (m, k): U (m, r), s (r,) and Vᵀ (r, k), r the smaller of both sides."""
     try:
         U, s, V = np.linalg.svd(A, full_matrices=False)
-    except np.linalg.LinAlgError:
+    except np.linalg.LinAlgError:  # divide and conquer may not converge where many values are all rounding
         from scipy.linalg import svd
 
         U, s, V = svd(A, full_matrices=False, lapack_driver="gesvd")
@@ -103,13 +100,13 @@ def stacked_rows(vector: Sequence[Any], n: int) -> Array:
 
 
 class DerivedAgain:
-    """Pickles and copies as what it was made from: what its cached properties hold is derived again on demand."""
+    """Pickles and copies as what it was made from: what its cached properties hold is derived again on demand.
+
+    CasADi's symbols cannot be sent to another process: there they would be unrelated to the symbols made there.
+    """
 
     def __getstate__(self) -> dict[str, Any]:
         """The attributes without those that a ``cached_property`` has filled."""
         kind = type(self)
-        return {name: value for name, value in vars(self).items() if not _is_cached(kind, name)}
-
-
-def _is_cached(kind: type[Any], name: str) -> bool:
-    return isinstance(getattr(kind, name, None), cached_property)
+        cached = {name for name in vars(self) if isinstance(getattr(kind, name, None), cached_property)}
+        return {name: value for name, value in vars(self).items() if name not in cached}

@@ -1,7 +1,7 @@
 """``Result``: the face that every answer of this package shows, in Python, in notebooks and on the command line.
 
-A result holds numbers and knows nothing of reports. Its presenter belongs to a room above, which registers it in
-``posture_opt.registration``; it is loaded when a result is first looked at, so computing needs none of it.
+A result holds numbers and knows nothing of reports. Its presenter belongs to a room above, which the package itself
+finds; it is loaded when a result is first looked at, so computing needs none of it.
 """
 
 from __future__ import annotations

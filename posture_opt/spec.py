@@ -21,9 +21,6 @@ from pydantic_core import CoreSchema
 from posture_opt.errors import BadValueError
 from posture_opt.units import is_bare_zero
 
-# SI value beyond which a number is a slip of the exponent; squares of larger ones lose all digits.
-_MAX_MAGNITUDE = 1e12
-
 
 class Spec(BaseModel):
     """A section of the problem file: its fields are the YAML keys, unknown keys are errors, values never change."""
@@ -33,18 +30,18 @@ class Spec(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _round_to_zero(cls, given: object) -> object:
+        """The section as given with zeros for its `NEGLIGIBLE` numbers; names and other texts stay as they are."""
         if not isinstance(given, dict):
             return given
-        texts = {
-            key for key, field in cls.model_fields.items() if str in (field.annotation, *get_args(field.annotation))
-        }
+        fields = cls.model_fields.items()
+        texts = {key for key, field in fields if str in (field.annotation, *get_args(field.annotation))}
         return {key: value if key in texts else _without_rounding(value) for key, value in given.items()}
 
     @field_validator("*", mode="after")
     @classmethod
     def _refuse_implausible(cls, value: object, info: ValidationInfo) -> object:
         for number in _numbers_in(value) if info.field_name != "seed" else ():
-            if abs(number) > _MAX_MAGNITUDE:
+            if abs(number) > 1e12:  # SI: squares of larger ones lose all digits
                 raise BadValueError(f"{number:.6g} is not plausible", "is the exponent right?")
         return value
 

@@ -37,14 +37,14 @@ DIMENSIONS: dict[str, tuple[str, str]] = {
 }
 
 LARGEST: dict[str, float] = {
-    # dimension -> SI value beyond which no arm and no workpiece is; covariances of what is larger would lose all digits
+    # dimension -> SI value beyond which no arm and no workpiece is; covariances of what is larger would lose all
+    # digits. 1e8 of the others.
     "length": 1e5,
     "angle": 1e5,
     "mass": 1e6,
     "temperature": 1e5,
     "time": 1e10,
 }
-_MAX_OTHER = 1e8  # SI value beyond which no quantity of a dimension without an entry in ``LARGEST`` is
 # SI value up to which a number is zero: the rounding of programs that write −2.09e-37, far below any arm's errors.
 NEGLIGIBLE = 1e-15
 
@@ -74,8 +74,6 @@ ERROR_UNITS: dict[str, tuple[float, str]] = {
 UNKNOWN = "not known"  # What reports write in place of NaN and infinity
 # Decimals of any number with a unit of reports: nanometres in mm, nanoradians in mrad. What is less is rounding.
 _MAX_DECIMALS = 6
-_EXTRA_DECIMALS = 2  # Decimals that a number may have in excess of a larger one next to it
-_MICROMETRES_BELOW_M = 1e-5  # Errors of length below this [m] are written in µm, others in mm
 
 # Only what a robot file can need. The whole of pint's table takes 0.3 s to read, and it would accept
 # 'min', 'a' (year) or 'd' (day) where a typing error is far more likely.
@@ -102,7 +100,6 @@ _DEFINITIONS = [
 ]
 
 _UNIT = re.compile(r"(?:1\s*(?=/))?(?:[A-Za-z°ºµμ]+(?:\s*(?:\*\*|\^)\s*-?\d(?!\d))?|[*/()]|\s)+")
-_MAX_UNIT_LENGTH = 40  # Characters of a unit: what is longer is none, and costs pint time
 _NUMBER = re.compile(r"^\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*$")
 
 
@@ -142,8 +139,8 @@ def _unit_factor(unit: str, dimension: str) -> float:
         return 1.0
     if any(unit == other for other, kind in _COMMON_FACTORS if {kind, dimension} == {"length", "angle"}):
         raise BadValueError(f"'{unit}' is not a unit of {dimension}", f"write for example {example}")
-    if len(unit) > _MAX_UNIT_LENGTH or not _UNIT.fullmatch(unit):  # pint would compute 9**9**9**9
-        raise BadValueError(f"unknown unit '{unit[:_MAX_UNIT_LENGTH]}'", f"write for example {example}")
+    if len(unit) > 40 or not _UNIT.fullmatch(unit):  # pint would compute 9**9**9**9
+        raise BadValueError(f"unknown unit '{unit[:40]}'", f"write for example {example}")
     units = registry()
     # "N m" is how people write a product of units; pint wants an operator between them.
     text = re.sub(r"(?<=[A-Za-z°ºµμ)\d])\s+(?=[A-Za-z°ºµμ(])", "*", unit)
@@ -151,10 +148,9 @@ def _unit_factor(unit: str, dimension: str) -> float:
         quantity: Any = units.Quantity(f"1 {text}" if text.startswith("/") else f"1 * {text}")
         return float(quantity.to(units.Unit(si)).magnitude)
     except Exception as error:  # pint raises a dozen kinds, among them plain tokenizer errors
-        kind = type(error).__name__
-        if kind == "DimensionalityError":
-            raise BadValueError(f"'{unit}' is not a unit of {dimension}", f"write for example {example}") from None
-        raise BadValueError(f"unknown unit '{unit}'", f"write for example {example}") from None
+        other = type(error).__name__ == "DimensionalityError"
+        text = f"'{unit}' is not a unit of {dimension}" if other else f"unknown unit '{unit}'"
+        raise BadValueError(text, f"write for example {example}") from None
 
 
 def parse_quantity(value: object, dimension: str) -> float:
@@ -185,7 +181,7 @@ def parse_quantity(value: object, dimension: str) -> float:
     result = float(number) * _unit_factor(unit, dimension)
     if not math.isfinite(result):
         raise BadValueError(f"{as_given(value)} is not a finite number", f"write for example {example}")
-    if abs(result) > LARGEST.get(dimension, _MAX_OTHER):
+    if abs(result) > LARGEST.get(dimension, 1e8):
         raise ImplausibleError(f"{as_given(value)} is not plausible", "is the exponent right?")
     return result if abs(result) > NEGLIGIBLE else 0.0
 
@@ -311,13 +307,15 @@ def parse_celsius(value: object) -> float:
 def number(value: float, digits: int = 3, beside: float = 0.0) -> str:
     """``value`` with ``digits`` significant digits or more, six decimals at most, and no exponent: 0.0123, 1.23, 1234.
 
+    A larger number ``beside`` it limits the decimals to two more than that one has; what is less is 0.
+
     Example:
         >>> number(0.012345), number(1234.5), number(3.33e-6, beside=0.069), number(1.28e-13)
         ('0.0123', '1234', '0.000003', '0')
     """
     if not math.isfinite(value):
         return UNKNOWN
-    most = min(_significant_decimals(beside, digits) + _EXTRA_DECIMALS, _MAX_DECIMALS) if beside else _MAX_DECIMALS
+    most = min(_significant_decimals(beside, digits) + 2, _MAX_DECIMALS) if beside else _MAX_DECIMALS
     text = f"{value:.{min(_significant_decimals(value, digits), most)}f}"
     return text if float(text) else "0"
 
@@ -350,12 +348,11 @@ def plus_minus(value: float, std: float, factor: float = 1.0, unit: str = "") ->
         '0.261 ± 0.012 mrad'
     """
     value, std = value * factor, std * factor
-    gap = " " if unit else ""
     if not math.isfinite(std) or std <= 0:
-        return f"{number(value)}{gap}{unit}"
+        return f"{number(value)} {unit}".strip()
     decimals = min(max(0, 1 - math.floor(math.log10(std))), _MAX_DECIMALS)
     error = fixed(max(std, 10.0**-decimals), decimals)
-    return f"{fixed(value, decimals)} ± {error}{gap}{unit}"
+    return f"{fixed(value, decimals)} ± {error} {unit}".strip()
 
 
 def shown(value: float, dimension: str, std: float = math.nan) -> str:
@@ -369,7 +366,7 @@ def shown(value: float, dimension: str, std: float = math.nan) -> str:
         ('8.00 µrad/(N m)', '0.261 ± 0.012 mrad')
     """
     if dimension == "length":
-        return plus_minus(value, std, *((1e6, "µm") if abs(value) < _MICROMETRES_BELOW_M else (1e3, "mm")))
+        return plus_minus(value, std, *((1e6, "µm") if abs(value) < 1e-5 else (1e3, "mm")))
     if dimension == "time" and abs(value) < 1.0:
         return plus_minus(value, std, 1e3, "ms")
     return plus_minus(value, std, *SHOWN[dimension])

@@ -48,6 +48,7 @@ LAZY = {
     "posture_opt.__main__": "all of the command line, so that an interrupt finds somebody who answers it",
     "posture_opt.cli.main": "a command, when it is called",
     "posture_opt.cli.deferred": "what a command needs, when it runs",
+    "posture_opt.cli.request": "how measurements are read, when there are some",
     "posture_opt.cli.completion": "the entry points of tasks, when a word is completed",
     "posture_opt.cli.output": "the names of a report's files, when there are some to be written",
     "posture_opt.export": "a format, when its name is not enough",

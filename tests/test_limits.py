@@ -81,10 +81,12 @@ def pixels(count: int) -> None:
 
 
 def board_points(count: int) -> None:
-
     from posture_opt.measurements.board_detection import Board
 
-    Board.of(f"grid:2x{count}:25mm", "5X5_1000")
+    try:
+        Board.of(f"grid:2x{count}:25mm", "5X5_1000")
+    except po.errors.BadValueError as error:
+        raise po.errors.InputError(error.issue(("--board",))) from None
 
 
 def rows_of(count: int) -> Any:

@@ -90,10 +90,7 @@ class NamedPath(click.Path):
 PATH = NamedPath(path_type=Path)
 
 
-PROGRAM = "optimize-posture"
 VARIABLE = "_OPTIMIZE_POSTURE_COMPLETE"  # Of the environment, by which the scripts ask for the words that may follow
-_SHELLS = ("bash", "fish", "zsh")
-_SPECIAL = frozenset(" \t!\"#$&'()*;<>?[\\]^`{|}")
 
 
 class EscapingBash(BashComplete):
@@ -107,7 +104,8 @@ class EscapingBash(BashComplete):
     def format_completion(self, item: CompletionItem[Any]) -> str:
         """The item in a line; in the name of a file a backslash before what is special, and one before that."""
         if item.kind == FILE:
-            item.value = "".join(f"\\\\{c}" if c in _SPECIAL else c for c in item.value)
+            special = " \t!\"#$&'()*;<>?[\\]^`{|}"
+            item.value = "".join(f"\\\\{c}" if c in special else c for c in item.value)
         return super().format_completion(item)
 
 
@@ -117,12 +115,12 @@ def complete(group: click.Group, instruction: str) -> None:
     add_completion_class(EscapingBash)
     known = get_completion_class(shell)
     if known is not None and what in ("source", "complete"):
-        asked = known(group, {}, PROGRAM, VARIABLE)
+        asked = known(group, {}, "optimize-posture", VARIABLE)
         click.echo(asked.source() if what == "source" else asked.complete())
 
 
 @click.command("completion")
-@click.argument("shell", type=click.Choice(_SHELLS))
+@click.argument("shell", type=click.Choice(("bash", "fish", "zsh")))
 @click.pass_context
 def completion_command(ctx: click.Context, /, shell: str) -> None:
     """Print the completion script of a shell, which completes commands, options, tasks, presets, problems and files.

@@ -273,7 +273,7 @@ def main(ctx: click.Context, /, common: Common, explain: bool, **given: str | No
     """
     if ctx.invoked_subcommand is not None:
         stated = [name for name, value in given.items() if value] + ["explain"] * explain
-        names = {f.name: f.default for f in fields(Common) if f.name != "debug"}  # --debug counts anywhere
+        names = {f.name: f.default for f in fields(Common)}  # --debug counts anywhere
         stated += [{"plots": "no-plots"}.get(n, n) for n, usual in names.items() if getattr(common, n) != usual]
         if stated:
             raise click.UsageError(f"Write --{stated[0].replace('_', '-')} after '{ctx.invoked_subcommand}'.", ctx)

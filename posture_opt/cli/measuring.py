@@ -12,7 +12,7 @@ import click
 import posture_opt as po
 from posture_opt.cli import deferred
 from posture_opt.cli.completion import PATH
-from posture_opt.cli.options import Common, common_options, problem_options, task_options
+from posture_opt.cli.options import Common, common_options, debug_option, problem_options, task_options
 from posture_opt.cli.output import output, save_result, show_result, write_text
 from posture_opt.cli.progress import progress_bar
 from posture_opt.cli.robot_programs import ProgramRequest, program_options
@@ -95,10 +95,10 @@ def _box(low: str | None, high: str | None) -> tuple[tuple[float, ...], tuple[fl
 @click.option("--name", default="board", show_default=True, metavar="NAME", help="Of the board in the table.")
 @click.option("--dictionary", default="5X5_1000", show_default=True, metavar="NAME", help="Of the marks of ChArUco.")
 @click.option("--out", type=PATH, metavar="FILE", help="Write the table to a file.")
-@click.option("--debug", is_flag=True, hidden=True)
+@debug_option
 def detect_command(
     images: tuple[Path, ...], board: str, joints: Path | None, camera: str, name: str, dictionary: str,
-    out: Path | None, debug: bool,
+    out: Path | None,
 ) -> None:  # fmt: skip
     """A table of measurements from pictures of a board: pixels of its points, with the joints of every picture.
 

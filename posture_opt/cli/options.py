@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import wraps
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ FRAME_HELP = '"0, 0, 150 mm" or, with roll, pitch, yaw, "0, 0, 150 mm, 0, 0, 90 
 
 @dataclass(frozen=True)
 class Common:
-    """What every computing command can be given; the defaults are those of the command line."""
+    """What every computing command can be given; ``main`` itself looks for ``--debug``."""
 
     out: Path | None = None
     json: bool = False
@@ -26,7 +26,6 @@ class Common:
     workers: int = 1
     quiet: bool = False
     plots: bool = True
-    debug: bool = False
     full: bool = False
 
 
@@ -34,21 +33,21 @@ def common_options(command: Command) -> Command:
     """Adds the options of ``Common`` to a command, which gets them as its argument ``common``."""
 
     @wraps(command)
-    def with_common(*args: Any, out: Path | None, as_json: bool, seed: int | None, workers: int, **others: Any) -> Any:
-        quiet, plots, debug = others.pop("quiet"), not others.pop("no_plots"), others.pop("debug")
-        common = Common(out, as_json, seed, workers, quiet, plots, debug, others.pop("full"))
-        return command(*args, common=common, **others)
+    def with_common(*args: Any, no_plots: bool, **given: Any) -> Any:
+        given["plots"] = not no_plots
+        common = Common(**{field.name: given.pop(field.name) for field in fields(Common)})
+        return command(*args, common=common, **given)
 
     return add_options(
         with_common,
         click.option("--out", type=PATH, metavar="DIR", help="Write JSON, figures and a report here."),
-        click.option("--json", "as_json", is_flag=True, help="Print the JSON document and nothing else."),
+        click.option("--json", is_flag=True, help="Print the JSON document and nothing else."),
         click.option("--seed", type=click.IntRange(min=0), help="Random seed; the same seed gives the same result."),
         click.option("--workers", type=click.IntRange(min=1), default=1, show_default=True, help="Processes to use."),
         click.option("--full", is_flag=True, help="Print the whole report, not only one screen of it."),
         click.option("--quiet", is_flag=True, help="Print no report and no progress."),
         click.option("--no-plots", is_flag=True, help="Draw no figures into --out."),
-        click.option("--debug", is_flag=True, help="Show the traceback of an error."),
+        click.option("--debug", is_flag=True, expose_value=False, help="Show the traceback of an error."),
     )
 
 
@@ -107,3 +106,8 @@ def add_options(command: Command, *options: Callable[[Command], Command]) -> Com
     for option in reversed(options):  # click shows the option that is added last at first
         command = option(command)
     return command
+
+
+def debug_option(command: Command) -> Command:
+    """Let a command without the common options take ``--debug``, for which ``main`` looks."""
+    return add_options(command, click.option("--debug", is_flag=True, hidden=True, expose_value=False))

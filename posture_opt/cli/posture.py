@@ -11,7 +11,7 @@ import click
 import posture_opt as po
 from posture_opt.cli import deferred
 from posture_opt.cli.completion import PATH
-from posture_opt.cli.options import Common, common_options, posture_option, problem_options, task_options
+from posture_opt.cli.options import Common, common_options, debug_option, posture_option, problem_options, task_options
 from posture_opt.cli.output import output, save_result, show, show_result
 from posture_opt.cli.progress import progress_bar
 from posture_opt.errors import NoSolutionError
@@ -87,10 +87,8 @@ def simulate_command(common: Common, posture: str, n: int, adaptive: bool, **giv
     "--port", type=click.IntRange(1, 65535), default=8080, show_default=True, help="Port, or the next one that is free."
 )
 @click.option("--no-browser", is_flag=True, help="Open no browser.")
-@click.option("--debug", is_flag=True, hidden=True)
-def explore_command(
-    data: Path | None, host: str, port: int, no_browser: bool, debug: bool, **given: str | None
-) -> None:
+@debug_option
+def explore_command(data: Path | None, host: str, port: int, no_browser: bool, **given: str | None) -> None:
     """Drag the target on a live page, and the best posture follows. Ctrl-C ends it.
 
     DATA.csv has measurements, whose errors the page shows; --problem can be the folder of a diagnosis or calibration.

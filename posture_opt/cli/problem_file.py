@@ -8,6 +8,7 @@ import click
 
 from posture_opt.cli import deferred
 from posture_opt.cli.completion import PATH, ROBOT
+from posture_opt.cli.options import debug_option
 from posture_opt.cli.output import write_text
 from posture_opt.files import preset_names
 
@@ -15,8 +16,8 @@ from posture_opt.files import preset_names
 @click.command("list")
 @click.option("--json", "as_json", is_flag=True, help="Print the JSON document and nothing else.")
 @click.option("--statements", is_flag=True, help="List what results can say, by id, with severity and sentence.")
-@click.option("--debug", is_flag=True, hidden=True)
-def list_command(as_json: bool, statements: bool, debug: bool) -> None:
+@debug_option
+def list_command(as_json: bool, statements: bool) -> None:
     """List tasks, effects, presets, solvers, terms, exports and built-in problems."""
     texts = deferred.problem_texts
     click.echo(texts.statement_listing(as_json) if statements else texts.listing(as_json))
@@ -28,10 +29,8 @@ def list_command(as_json: bool, statements: bool, debug: bool) -> None:
 @click.option("--tip-link", metavar="LINK", help="Last link of the chain in the URDF file.")
 @click.option("--out", type=PATH, metavar="FILE", help="Write it to a file.")
 @click.option("--force", is_flag=True, help="Replace a file that exists.")
-@click.option("--debug", is_flag=True, hidden=True)
-def new_command(
-    robot: str | None, base_link: str | None, tip_link: str | None, out: Path | None, force: bool, debug: bool
-) -> None:
+@debug_option
+def new_command(robot: str | None, base_link: str | None, tip_link: str | None, out: Path | None, force: bool) -> None:
     """Print a commented problem file for a preset or a URDF file, which solves as it is."""
     if robot is None:
         raise click.UsageError(f"Name a preset: {', '.join(preset_names())}; or a URDF file.")
@@ -40,8 +39,8 @@ def new_command(
 
 @click.command("schema")
 @click.option("--out", type=PATH, metavar="FILE", help="Write it to a file.")
-@click.option("--debug", is_flag=True, hidden=True)
-def schema_command(out: Path | None, debug: bool) -> None:
+@debug_option
+def schema_command(out: Path | None) -> None:
     """Print the JSON Schema of the problem file.
 
     An editor with a YAML language server checks and completes a problem file that begins with

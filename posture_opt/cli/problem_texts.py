@@ -26,17 +26,14 @@ from posture_opt.selection.solvers import SOLVERS
 from posture_opt.selection.terms import TERMS
 from posture_opt.statements import every_entry
 
-_MAX_SCHEMA_BYTES = 10_000_000  # bytes of a schema, which has some hundred thousand
 Row = dict[str, str]
 
 
 def listing(as_json: bool) -> str:
     """All kinds and all names that travel with the package, as text or as a JSON document."""
     tables = {title: rows() for title, rows in TABLES.items()}
-    return json_text({key.replace(" ", "_"): rows for key, rows in tables.items()}) if as_json else _text(tables)
-
-
-def _text(tables: dict[str, list[Row]]) -> str:
+    if as_json:
+        return json_text({key.replace(" ", "_"): rows for key, rows in tables.items()})
     return "\n\n".join(f"{title.capitalize()}\n{indent(_table(rows), '  ')}" for title, rows in tables.items())
 
 
@@ -51,39 +48,31 @@ def _kinds(specs: Iterable[Any]) -> list[Row]:
     return [{"kind": get_args(spec.model_fields["kind"].annotation)[0], "is": spec.summary} for spec in specs]
 
 
-def _broken() -> list[Row]:
-    return [
-        {"kind": task.name, "is": f"cannot be used: {task.reason} ({task.package})"}
-        for task in registered_tasks().broken
-    ]
+def _tasks() -> list[Row]:
+    """The tasks, and those of other packages that cannot be used."""
+    broken = registered_tasks().broken
+    reasons = [{"kind": task.name, "is": f"cannot be used: {task.reason} ({task.package})"} for task in broken]
+    return [*_kinds(every_task()), *reasons]
 
 
 def _presets() -> list[Row]:
-    robots = {name: load_preset(name) for name in preset_names()}
-    return [
-        {
-            "name": name,
-            "robot": robot.name,
-            "joints": str(robot.n),
-            "repeatability": f"{robot.repeatability.value * 1e3:g} mm" if robot.repeatability else "not stated",
-        }
-        for name, robot in robots.items()
-    ]
-
-
-def _problems() -> list[Row]:
-    return [{"name": name, "is": load_builtin(name).name} for name in builtin_names()]
+    rows = []
+    for name in preset_names():
+        robot = load_preset(name)
+        sheet = f"{robot.repeatability.value * 1e3:g} mm" if robot.repeatability else "not stated"
+        rows.append({"name": name, "robot": robot.name, "joints": str(robot.n), "repeatability": sheet})
+    return rows
 
 
 TABLES: dict[str, Callable[[], list[Row]]] = {
-    "tasks": lambda: [*_kinds(every_task()), *_broken()],
+    "tasks": _tasks,
     "effects": lambda: _kinds(CATALOGUE),
     "presets": _presets,
     "solvers": lambda: _kinds(SOLVERS),
     "terms": lambda: _kinds(TERMS),
     "obstacles": lambda: _kinds(OBSTACLES),
     "exports": lambda: _kinds(EXPORTS),
-    "built-in problems": _problems,
+    "built-in problems": lambda: [{"name": name, "is": load_builtin(name).name} for name in builtin_names()],
 }
 
 
@@ -92,17 +81,11 @@ def starter(robot: str, base_link: str | None, tip_link: str | None, out: Path |
     options = RobotOptions(robot, base_link, tip_link)
     options.check()
     if out is not None and out.exists() and not force:
-        raise InputError(
-            Issue(f"{out} exists", ("--out",), str(out), "choose another name, or replace it with --force")
-        )
-    return _starter(options, Path() if out is None else out.parent)
-
-
-def _starter(options: RobotOptions, folder: Path) -> str:
-    robot = str(options.robot)
+        hint = "choose another name, or replace it with --force"
+        raise InputError(Issue(f"{out} exists", ("--out",), str(out), hint))
     try:
         if options.is_robot_file:
-            return urdf_starter_text(Path(robot), options.base_link, options.tip_link, folder)
+            return urdf_starter_text(Path(robot), base_link, tip_link, Path() if out is None else out.parent)
         return starter_text(robot)
     except InputError as error:
         keys = {"base_link": "--base-link", "tip_link": "--tip-link"}
@@ -113,7 +96,7 @@ def _starter(options: RobotOptions, folder: Path) -> str:
 
 def schema_text(out: Path | None) -> str:
     """The JSON Schema of problem files, to be written to ``out``."""
-    if out is not None and is_file(out) and TITLE.encode() not in content(out, _MAX_SCHEMA_BYTES):
+    if out is not None and is_file(out) and TITLE.encode() not in content(out, 10_000_000):
         hint = "choose another name"
         raise InputError(Issue(f"{out} exists and is no schema of problem files", ("--out",), str(out), hint))
     schema = {"$schema": "https://json-schema.org/draft/2020-12/schema", **json_schema()}

@@ -20,10 +20,6 @@ if TYPE_CHECKING:
     from posture_opt.numerics import Progress
 
 DELAY = 2.0  # s; what is done by then needs no bar
-STAGE_DELAY = 0.3  # s of one stage of a longer work: what is shorter would only flicker
-PAUSE = 0.1  # s between two drawings: faster than this nobody reads
-TICK = 0.5  # s; so often the time goes on where nothing else changes
-CELLS = 30
 _BEGUN = time.monotonic()  # a command line program does one thing: it begins with its imports
 
 
@@ -34,7 +30,7 @@ def progress_bar(common: Common, what: str) -> Iterator[Progress | None]:
         yield None
         return
     now = time.monotonic()
-    bar = ProgressBar(what, sys.stderr, delay=max(_BEGUN + DELAY - now, STAGE_DELAY))
+    bar = ProgressBar(what, sys.stderr, delay=max(_BEGUN + DELAY - now, 0.3))  # a shorter stage would only flicker
     with _ticking(bar.tick):
         try:
             yield bar.show
@@ -75,7 +71,7 @@ class ProgressBar:
         # A tick can come in the middle of a drawing.
         if now < self._next or self._drawing:
             return
-        self._next = now + PAUSE
+        self._next = now + 0.1  # faster than this nobody reads
         spent = now - self._begun
         if not self._done:
             so_far = f"{_minutes(spent)} so far"
@@ -98,8 +94,8 @@ class ProgressBar:
             self._stream.flush()
 
     def _bar(self) -> str:
-        filled = CELLS * self._done // self._total
-        return f"{'█' * filled}{'░' * (CELLS - filled)} {self._done}/{self._total}"
+        filled = 30 * self._done // self._total
+        return f"{'█' * filled}{'░' * (30 - filled)} {self._done}/{self._total}"
 
     def _draw(self, line: str) -> None:
         self._drawing = True
@@ -120,7 +116,7 @@ def _ticking(tick: Callable[[], None]) -> Iterator[None]:
         tick()
 
     former = signal.signal(signal.SIGALRM, ticked)
-    signal.setitimer(signal.ITIMER_REAL, TICK, TICK)
+    signal.setitimer(signal.ITIMER_REAL, 0.5, 0.5)
     try:
         yield
     finally:

@@ -9,8 +9,6 @@ from posture_opt.errors import BadValueError, InputError, Issue, did_you_mean
 from posture_opt.robot.robot import Joint, Robot
 from posture_opt.units import is_bare_zero, parse_quantity
 
-_FRAME = ("x", "y", "z", "roll", "pitch", "yaw")
-
 
 def joint_sigmas(text: str, joints: tuple[Joint, ...]) -> dict[str, str]:
     """Parameter -> quantity of ``--sigma``: an angle is for all revolute joints, a length for all prismatic ones."""
@@ -20,7 +18,9 @@ def joint_sigmas(text: str, joints: tuple[Joint, ...]) -> dict[str, str]:
         if is_bare_zero(entry):  # for joints of which nothing was said before
             kind = next((joint.type for joint in joints if joint.type not in given), "revolute")
         else:
-            kind = "prismatic" if _is_length(entry) else "revolute"
+            wrong: list[Issue] = []
+            _checked(entry, "length", (), wrong)
+            kind = "revolute" if wrong else "prismatic"
         try:
             _check(entry, kind, given, joints)
         except BadValueError as error:
@@ -59,14 +59,6 @@ def _own_parameter(joint: Joint) -> str:
     return f"{joint.name}.{'theta' if joint.type == 'revolute' else 'd'}"
 
 
-def _is_length(text: str) -> bool:
-    try:
-        parse_quantity(text, "length")
-    except ValueError:
-        return False
-    return True
-
-
 def entries(text: str) -> list[str]:
     """The entries of ``"0.6 m, 0.2 m, 0.1 m"``; bare numbers may be separated by blanks."""
     text = text.strip().strip("[]()")
@@ -84,12 +76,10 @@ def frame_of(option: str, text: str) -> str | dict[str, list[str]]:
         count = "1 entry" if len(parts) == 1 else f"{len(parts)} entries"
         hint = f'write x, y, z: {option} "0, 0, 150 mm", or add roll, pitch, yaw: "0, 0, 150 mm, 0, 0, 90 deg"'
         raise InputError(Issue(f"{count} where 3 or 6 belong", (option,), text, hint))
-    issues = []
+    issues: list[Issue] = []
     for index, part in enumerate(parts):
-        try:
-            parse_quantity(part, "length" if index < 3 else "angle")
-        except BadValueError as error:
-            issues.append(error.issue((option, _FRAME[index]), part))
+        axis = ("x", "y", "z", "roll", "pitch", "yaw")[index]
+        _checked(part, "length" if index < 3 else "angle", (option, axis), issues)
     if issues:
         raise InputError(issues)
     return {"xyz": parts[:3], **({"rpy": parts[3:]} if parts[3:] else {})}
@@ -109,6 +99,15 @@ def columns_of(given: Iterable[str]) -> dict[str, str | int]:
     if issues:
         raise InputError(issues)
     return found
+
+
+def _checked(text: str, dimension: str, key: tuple[str, ...], issues: list[Issue]) -> float:
+    """A quantity [SI]; what is wrong with it is added to ``issues``."""
+    try:
+        return parse_quantity(text, dimension)
+    except BadValueError as error:
+        issues.append(error.issue(key, text))
+        return 0.0
 
 
 def quantity_of(option: str, text: str, dimension: str = "length") -> float:
@@ -133,11 +132,9 @@ def requested_posture(text: str, robot: Robot) -> dict[str, float]:
     by_name = any(len(pair) == 2 for pair in pairs)
     issues: list[Issue] = []
     if not by_name and len(pairs) != robot.n:
-        given = f"{len(pairs)} {'value' if len(pairs) == 1 else 'values'}"
+        given = f"{len(pairs)} value{'s' * (len(pairs) != 1)} for {robot.n} joint{'s' * (robot.n != 1)}"
         hint = f"give one value each, in this order: {', '.join(robot.joint_names)}"
-        raise InputError(
-            Issue(f"{given} for {robot.n} {'joint' if robot.n == 1 else 'joints'}", ("--posture",), text, hint)
-        )
+        raise InputError(Issue(given, ("--posture",), text, hint))
     named = pairs if by_name else [(name, *pair) for name, pair in zip(robot.joint_names, pairs, strict=True)]
     posture = {pair[0]: _joint_value(pair, robot, issues) for pair in named}
     missing = [name for name in robot.joint_names if name not in posture]
@@ -165,26 +162,17 @@ def _joint_value(pair: tuple[str, ...], robot: Robot, issues: list[Issue]) -> fl
     if len(pair) == 1:
         issues.append(Issue("no value", key, None, f"write {pair[0]}=0 {'deg' if joint.type == 'revolute' else 'mm'}"))
         return 0.0
-    try:
-        return parse_quantity(pair[1], "angle" if joint.type == "revolute" else "length")
-    except BadValueError as error:
-        issues.append(error.issue(key, pair[1]))
-        return 0.0
+    return _checked(pair[1], "angle" if joint.type == "revolute" else "length", key, issues)
 
 
 def corner(option: str, text: str | None, issues: list[Issue]) -> tuple[float, float, float] | None:
-    """The corner (3,) of a box [m], world frame, that an option states."""
+    """The corner (3,) of a box [m], world frame, that an option states; what is wrong is added to ``issues``."""
     if text is None:
         return None
     parts = entries(text)
-    values = []
-    for part in parts:
-        try:
-            values.append(parse_quantity(part, "length"))
-        except BadValueError as error:
-            issues.append(error.issue((option,), part))
+    values = [_checked(part, "length", (option,), issues) for part in parts]
     if len(parts) != 3:
-        issues.append(
-            Issue(f"a corner has three coordinates, {len(parts)} are given", (option,), text, "0.3 m, 0.1 m, 0.2 m")
-        )
-    return (values[0], values[1], values[2]) if len(values) == 3 else None
+        what = f"a corner has three coordinates, {len(parts)} are given"
+        issues.append(Issue(what, (option,), text, "0.3 m, 0.1 m, 0.2 m"))
+        return None
+    return values[0], values[1], values[2]

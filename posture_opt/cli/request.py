@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -14,7 +15,6 @@ from posture_opt.cli.quantities import entries, exact_note, frame_of, joint_sigm
 from posture_opt.errors import InputError, Issue, KeyPath, listed
 from posture_opt.files import builtin_names, is_file, preset_names
 from posture_opt.problem.load import builtin_problem, load_problem, problem_from_dict
-from posture_opt.problem.measured_robot import problem_of_measured_robot
 from posture_opt.problem.problem import Problem
 from posture_opt.robot.preset import presets_meant
 
@@ -211,7 +211,9 @@ def problem_of_data(data: Path, columns: Mapping[str, str | int] | None = None, 
     if options.sigma:
         joints = _as_options(lambda: problem_from_dict({"robot": section})).robot.joints
         stated["sigma"] = joint_sigmas(options.sigma, joints)
-    return _as_options(lambda: problem_of_measured_robot(section, data, stated, columns))
+    # Loads what reads measurements.
+    build: Callable[..., Problem] = import_module("posture_opt.problem.measured_robot").problem_of_measured_robot
+    return _as_options(lambda: build(section, data, stated, columns))
 
 
 def _as_options(build: Callable[[], T]) -> T:

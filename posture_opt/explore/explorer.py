@@ -6,7 +6,6 @@ import threading
 import webbrowser
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -34,15 +33,14 @@ class Explorer:
     """A live page, and what it shows."""
 
     def __init__(
-        self, problem: Problem, host: str = "127.0.0.1", port: int = 8080, folder: Path | None = None,
-        data: Measurements | None = None,
-    ) -> None:  # fmt: skip
+        self, problem: Problem, host: str = "127.0.0.1", port: int = 8080, data: Measurements | None = None
+    ) -> None:
         places = places_of(problem)
         spread = propagate(problem, posture_near(problem, places[0] if len(places) else None))
         geometry = ArmGeometry.of_spread(spread)
         self._stated = self._problem = problem
         self._changes: dict[str, dict[str, Plain]] = {}  # by groups of keys
-        self._away = TakenAway(problem, folder or Path())
+        self._away = TakenAway(problem)
         self._guard, self._drawing = threading.RLock(), threading.Lock()  # what is asked; one picture at a time
         self._closed = threading.Event()
         self._solution: Solution | None = None
@@ -115,10 +113,6 @@ class Explorer:
     def command(self) -> str:
         """The command line that gives the answer to what is asked."""
         return self._away.command(self.problem, any(v for group, v in self._changes.items() if group != _TARGET))
-
-    def end_search(self) -> None:
-        """Solve nothing more: the page stays as it is."""
-        self._answers.end()
 
     def wait(self) -> None:
         """Return when the page was closed."""

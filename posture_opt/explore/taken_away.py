@@ -24,9 +24,9 @@ from posture_opt.selection.tasks.path_task import PathTask
 class TakenAway:
     """Writes what is asked for."""
 
-    def __init__(self, stated: Problem, folder: Path) -> None:
+    def __init__(self, stated: Problem) -> None:
         self._stated = stated
-        self.folder: Path = folder
+        self.folder: Path = Path()
         file = stated.origin.file
         self._first = self._stem = f"{Path(file).stem if file else 'problem'}_explored"
         self._wrote: dict[Path, bytes] = {}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from importlib import import_module
 from typing import TYPE_CHECKING, Protocol, TypeAlias, cast, runtime_checkable
 
@@ -17,16 +16,9 @@ __all__ = ["Executor", "Part", "Serial", "Workers", "opened"]
 
 @runtime_checkable
 class DaskClient(Protocol):
-    """The methods of a ``distributed.Client`` that are used here."""
+    """A ``distributed.Client``, by a method that executors of `concurrent.futures` lack."""
 
-    def submit(self, function: Callable[..., object], *arguments: object, **options: object) -> object:
-        """A future of what the function gives on a worker."""
-
-    def cancel(self, futures: Sequence[object]) -> object:
-        """Cancels futures whose results are not needed any more."""
-
-    def get_executor(self, **options: object) -> FuturesExecutor:
-        """Not used: executors of `concurrent.futures` lack it, which distinguishes the two."""
+    def get_executor(self, **options: object) -> FuturesExecutor: ...
 
 
 # What can be given as ``executor``: one of `concurrent.futures`, a ``distributed.Client``, or workers of this room.

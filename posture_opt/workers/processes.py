@@ -1,4 +1,7 @@
-"""``ProcessWorkers``: processes of this machine, which never outlive the one that started them."""
+"""``ProcessWorkers``: processes of this machine, which never outlive the one that started them.
+
+Those of `concurrent.futures` outlive a parent that is killed, and break as a whole when one of them is killed.
+"""
 
 from __future__ import annotations
 
@@ -18,9 +21,6 @@ from multiprocessing.process import BaseProcess
 from posture_opt.errors import InputError, Issue
 from posture_opt.interrupts import undisturbed
 from posture_opt.workers.workers import Part, R, S, T, Workers, worked
-
-_MAX_LOST_WORKERS = 3  # Workers that may be lost over one part, before the part is taken for the cause
-_PR_SET_PDEATHSIG = 1  # Option of ``prctl``, as of ``<sys/prctl.h>``: a signal when the parent ends
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +71,11 @@ class ProcessWorkers(Workers):
                     except (EOFError, OSError):
                         worker.end()
                         waiting.appendleft(k)
-                        lost[k] = _losses_counted(lost[k])
+                        lost[k] += 1
+                        if lost[k] == 3:  # then the part is taken for the cause
+                            hint = "take fewer workers (--workers 1): most often memory is short"
+                            text = "3 worker processes were ended over one part of the work"
+                            raise InputError(Issue(text, hint=hint)) from None
                         continue
                     self._idle.append(worker)
                     if not done:
@@ -93,17 +97,11 @@ class ProcessWorkers(Workers):
 
 
 def _send_message(worker: ProcessWorker, message: tuple[Part[S, T, R], S, T]) -> None:
+    """Send a part to a worker; that the worker has ended shows when its answer is read."""
     try:
         worker.pipe.send(message)
     except OSError:
         worker.process.join()
-
-
-def _losses_counted(lost: int) -> int:
-    if lost + 1 < _MAX_LOST_WORKERS:
-        return lost + 1
-    hint = "take fewer workers (--workers 1): most often memory is short"
-    raise InputError(Issue(f"{_MAX_LOST_WORKERS} worker processes were ended over one part of the work", hint=hint))
 
 
 def _serve_parts(pipe: Connection, parent: int) -> None:
@@ -129,7 +127,7 @@ def _serve_parts(pipe: Connection, parent: int) -> None:
 
 def _end_with_parent(parent: int) -> None:
     if sys.platform == "linux":
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+        ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG of <sys/prctl.h>
     if os.getppid() != parent and multiprocessing.get_start_method() == "fork":
         os._exit(1)  # it ended before this was asked for
     parent_process = multiprocessing.parent_process()
