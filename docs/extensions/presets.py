@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import yaml
 
-from posture_opt.files import preset_names
-from posture_opt.robot.preset import preset_text
+from posture_opt.robot.preset import preset_names, preset_text
 
 
 def presets_table() -> str:

@@ -14,7 +14,6 @@ if TYPE_CHECKING:
 
     EXPORTS: tuple[type[ExportFormat], ...]
 
-# The formats of the arm and of its covariance.
 ARM_FORMATS = {
     # kind -> its file, whose words in capitals are its class
     "c": "c_code",
@@ -22,8 +21,14 @@ ARM_FORMATS = {
     "urdf": "urdf_arm",
     "dh": "dh_table",
 }
-# The languages of robot programs.
-PROGRAM_FORMATS = {"urscript": "ur_script", "krl": "krl", "rapid": "rapid", "jointstate": "joint_state"}
+"""The formats of the arm and of its covariance."""
+PROGRAM_FORMATS = {
+    "urscript": "ur_script",
+    "krl": "krl",
+    "rapid": "rapid",
+    "jointstate": "joint_state",
+}
+"""The languages of robot programs."""
 
 
 def __getattr__(name: str) -> Any:
@@ -34,6 +39,7 @@ def __getattr__(name: str) -> Any:
 
 
 def _format(kind: str) -> type[ExportFormat]:
+    """The class of a format, whose file is imported."""
     home = import_module(f"posture_opt.export.{ARM_FORMATS[kind] if kind in ARM_FORMATS else PROGRAM_FORMATS[kind]}")
     words = home.__name__.rpartition(".")[2].split("_")
     found: type[ExportFormat] = getattr(home, "".join(word.capitalize() for word in words))

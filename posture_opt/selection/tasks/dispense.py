@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import ClassVar, Literal
 
-from posture_opt.selection.tasks.path_task import SeamTask
+from posture_opt.selection.tasks.seam_task import SeamTask
+from posture_opt.selection.tasks.task import Criterion
 
 
 class Dispense(SeamTask):
@@ -16,3 +17,4 @@ class Dispense(SeamTask):
     summary: ClassVar[str] = "lay a bead: the spread across it, height included, counts; tool axis held, stand-off."
 
     kind: Literal["dispense"]
+    criterion: Criterion = "worst"
