@@ -20,7 +20,7 @@ import numpy as np
 import posture_opt as po
 from benchmarks.machine import machine_line
 from posture_opt.diagnosis.scores import levels
-from posture_opt.diagnosis.search.linearised_data import LinearisedData, linearise_calibration
+from posture_opt.diagnosis.scores.candidates import LinearisedData, linearise_calibration
 from posture_opt.diagnosis.search.search import SearchResult, remaining_unnamed, search_effects
 from tests.hidden.draw import OutOfReach, draw
 from tests.hidden.files import write
@@ -50,27 +50,13 @@ VARIANTS: dict[str, dict[str, Any]] = {
     **_scaled("FURTHER_EFFECT_LEVEL", 0.5, 2),
     "FAMILY_SHARES equal": {"FAMILY_SHARES": dict.fromkeys(levels.FAMILY_SHARES, 0.25)},
     **_set("SIGN_FLIPS", 99),
-    **_set("CLOSE_DECISION_FACTOR", 1.0),
     **_set("LARGE_GROUP_SIZE", 2, 1000),
     **_set("CHOICE_PENALTY", 0.0, 10.0),
-    **_set("UNNAMED_PENALTY", 0.0, 10.0),
-    **_set("LENIENT_PENALTY", 1.0, 100.0),
     **_scaled("RIVAL_CRITERION", 0.5, 2),
     **_set("MIN_RIVAL_COSINE", 0.25, 0.9),
     **_scaled("MIN_DISTINCT_SHARE", 0.2, 5),
     **_set("MAX_EXCHANGED_EFFECTS", 0),
-    **_set("FURTHER_FOLD_EFFECTS", 0, 20),
-    **_set("SELECTION_FOLDS", 10),
-    **_set("MIN_EFFECT_SHARE", 0.0, 0.04),
-    **_set("PERSISTENT_SHARE", 0.8, 1.0),
-    **_set("NAMED_SHARE", 0.7, 0.95),
-    **_set("SHORTLIST_P_VALUE", 0.02, 1.0),
-    **_set("REFINED_EVIDENCE_SHARE", 1.0),
-    **_set("ALWAYS_REFINED_CANDIDATES", 0),
     **_scaled("MIN_SURVIVING_SHARE", 0.5, 2),
-    **_set("MIN_SEARCHED_SHAPES", 1.0),
-    **_set("MIN_MASS_SINGULAR_VALUE", 0.01, 0.2),
-    **_set("MIN_LINE_DISTANCE", 0.5, 2.0),
 }
 """Levels that each variant sets."""
 

@@ -33,35 +33,17 @@ FAMILIES = (
     *("geometry", "outside", "shape_often", "clean"),
 )
 """Families of hidden draws, one draw of each: effects, noise, and the rest."""
-SCALED = (
-    *("LACK_OF_FIT_LEVEL", "GEOMETRY_LEVEL", "NOISE_LEVEL", "FURTHER_NOISE_LEVEL", "STRUCTURE_LEVEL"),
-    *("TAIL_SHARE", "MIN_REPEAT_FREEDOM", "JOINT_KERNEL_WIDTHS", "FIELD_KERNEL_WIDTHS", "INPUT_KERNEL_WIDTH"),
-    *("MAX_OUTLIER_SHARE", "MIN_OUTLIER_RATIO", "MAX_NAMED_PARAMETERS", "MIN_PARAMETER_SHARE"),
-)
+SCALED = ("LACK_OF_FIT_LEVEL", "GEOMETRY_LEVEL", "NOISE_LEVEL", "FURTHER_NOISE_LEVEL", "MIN_REPEAT_FREEDOM")
 """Levels that act after the search."""
-PLANNED = ("DETECTED_ROOT_LAMBDA", "MEAN_PAIR_WEIGHT")
+PLANNED = ("DISCRIMINATED_LAMBDA",)
 """Levels of the plan that discriminates rivals."""
 PLANNED_FAMILY = "narrow_unloaded"
 """A family whose first draw has a cause with rivals that postures discriminate."""
 UNEXPLAINED = ("outside", "shape_often")
 """Families whose errors are in no catalogue: leaving them unexplained is right."""
 SEARCHED: dict[str, Change] = {
-    "PERIODOGRAM_PEAKS = 2": {"PERIODOGRAM_PEAKS": 2},
-    "PERIODOGRAM_PEAKS = 8": {"PERIODOGRAM_PEAKS": 8},
-    "SIGN_FLIPS_FACTOR = 1": {"SIGN_FLIPS_FACTOR": 1},
-    "SIGN_FLIPS_FACTOR = 8": {"SIGN_FLIPS_FACTOR": 8},
-    "curves and courses: half as many bumps": {"CURVE_BUMPS": 4, "COURSE_BUMPS": 3},
-    "curves and courses: twice as many bumps": {"CURVE_BUMPS": 16, "COURSE_BUMPS": 10},
-    "BUMP_WIDTH × 0.5": {"BUMP_WIDTH": 0.35},
-    "BUMP_WIDTH × 2": {"BUMP_WIDTH": 1.4},
-    "dents: half as wide, spaced and many": {"DENT_WIDTHS": (0.075, 0.175), "DENT_COUNT": (2, 12), "DENT_ROWS": 2},
-    "dents: twice as wide and many": {"DENT_WIDTHS": (0.3, 0.7), "DENT_COUNT": (8, 48), "DENT_ROWS": 8},
-    "DENT_SPACING × 2": {"DENT_SPACING": 3.0},
-    "square waves: half the periods and phases": {"SQUARE_WAVES": range(1, 4), "SQUARE_WAVE_PHASES": 4},
-    "square waves: twice the periods and phases": {"SQUARE_WAVES": range(1, 13), "SQUARE_WAVE_PHASES": 16},
-    "SQUARE_WAVE_FINER = 2, CONSTANT_WAVE = 0.9": {"SQUARE_WAVE_FINER": 2, "CONSTANT_WAVE": 0.9},
-    "FIELD_WAVELENGTHS × 0.5": {"FIELD_WAVELENGTHS": (0.1, 0.15, 0.225)},
-    "FIELD_WAVELENGTHS × 2": {"FIELD_WAVELENGTHS": (0.4, 0.6, 0.9)},
+    "PREFERRED_SHARE = 0.7": {"PREFERRED_SHARE": 0.7},
+    "PREFERRED_SHARE = 0.95": {"PREFERRED_SHARE": 0.95},
 }
 """Levels of the search, which is repeated for them."""
 
@@ -168,8 +150,6 @@ def scaled(name: str, factor: float) -> Change:
     """A level, or each of a tuple, times a factor; counts stay whole numbers."""
     value = getattr(levels, name)
     more = tuple(v * factor for v in value) if isinstance(value, tuple) else type(value)(value * factor)
-    if name == "DETECTED_ROOT_LAMBDA":  # the other level is derived from it
-        return {name: more, "DISCRIMINATED_LAMBDA": (more + 1.2816) ** 2}
     return {name: more}
 
 

@@ -15,9 +15,8 @@ import numpy as np
 import posture_opt as po
 from benchmarks.machine import machine_line
 from benchmarks.tables import table
-from posture_opt.explore.answers import Answers, Request
+from posture_opt.explore.answers import Answers, Request, compiled
 from posture_opt.explore.explorer import Explorer
-from posture_opt.explore.following import compiled
 
 PROBLEMS = ("insert_planar_2r_fixed_hole", "insert_panda", "insert_ur10", "insert_ur10_cell")
 _CIRCLE_M = 0.06  # radius of the path of the target
@@ -27,7 +26,7 @@ def costs(name: str, moves: int) -> list[float]:
     """Medians of problem, solve, page and their sum over a circle of targets [ms of CPU]."""
     with po.load_problem(name).explore(port=18300) as page:
         assert isinstance(page, Explorer)
-        page.end_search()
+        page._answers.end()
         compiled(page.problem)  # as another process does while the first answers are interpreted
         answers, start, parts = Answers(lambda _: None), np.array(page.target), []
         try:

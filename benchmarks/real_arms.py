@@ -20,8 +20,8 @@ import numpy as np
 
 import posture_opt as po
 from posture_opt.diagnosis.diagnosis import Diagnosis
+from posture_opt.files import problems_folder
 from posture_opt.model.effects import CyclicError, Effect
-from posture_opt.problem.load import problems_folder
 
 HEADERS = ("data", "rows", "before", "calibrated", "with effects", "delivered", "delivered, held out", "by block",
            "causes", "CPU s", "GB", "named")  # fmt: skip

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from posture_opt.report.text.text_table import text_table
+from posture_opt.report.text.text import text_table
 
 
 def table(headers: Sequence[str], rows: Iterable[Sequence[Any]], formats: Sequence[str]) -> str:

@@ -30,13 +30,10 @@ Inside everything is SI and radians. Wrong input raises ``errors.InputError``, a
 
 from __future__ import annotations
 
-import re
 import warnings
 from functools import partial
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
-
-from posture_opt.registration import register
 
 if TYPE_CHECKING:
     from posture_opt import errors
@@ -206,21 +203,30 @@ def __dir__() -> list[str]:
     return sorted({*globals(), *__all__})
 
 
-def _presenter_of(result: object) -> Any:
-    """``TargetMap`` is presented by ``TargetMapPresenter`` of ``report/results/target_map_report.py``."""
+_PRESENTED_IN = {
+    **dict.fromkeys(("TargetMap", "AccuracyMap"), "map"),
+    **dict.fromkeys(("Assessment", "SpreadCheck"), "assessment"),
+    **dict.fromkeys(("Batch", "BatchDiagnosis"), "batch"),
+    **dict.fromkeys(("Spread", "Cloud"), "spread"),
+    **dict.fromkeys(("MeasurementPlan", "Recheck"), "plan"),
+    **dict.fromkeys(("Problem", "Measurements"), "input"),
+    "PostureBatch": "posture_batch",
+}
+"""Results whose presenter is not in the file of their own name: ``TargetMap`` is in ``map_report.py``."""
+
+
+def presenter_of(result: object) -> Any:
+    """``TargetMap`` is presented by ``TargetMapPresenter`` of a file in ``report/results``."""
     name = type(result).__name__
-    file = re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower()
+    file = _PRESENTED_IN.get(name, name.lower())
     return getattr(import_module(f"posture_opt.report.results.{file}_report"), f"{name}Presenter")(result)
 
 
-def _evaluation_of(calibration: Calibration) -> Any:
-    return import_module("posture_opt.validation.evaluation").Evaluation(calibration)
+def evaluation_of(calibration: Calibration) -> Any:
+    """What the predictions of a calibration are held against."""
+    return import_module("posture_opt.validation.calibrated_arm").Evaluation(calibration)
 
 
-def _explorer_of(problem: Problem) -> Any:
+def explorer_of(problem: Problem) -> Any:
+    """What starts the live page of a problem."""
     return partial(import_module("posture_opt.explore.explorer").explore, problem)
-
-
-register("explorer", _explorer_of)
-register("presenter", _presenter_of)
-register("evaluation", _evaluation_of)

@@ -13,9 +13,6 @@ from typing import NoReturn
 
 from posture_opt.interrupts import interruptible
 
-_FIRST_SIGNAL_CODE = 128
-"""Exit codes from here on mean that a signal has ended the program (128 + its number, as shells have it)."""
-
 
 def run() -> NoReturn:
     """Run the command line; an interrupt ends it in one line, also while it is imported.
@@ -37,19 +34,15 @@ def run() -> NoReturn:
         for name in ("SIGINT", "SIGTERM", "SIGHUP"):
             if hasattr(signal, name):
                 signal.signal(getattr(signal, name), signal.SIG_IGN)
-        if isinstance(leaving.code, int) and leaving.code >= _FIRST_SIGNAL_CODE:
-            _end_process(leaving.code)
+        if isinstance(leaving.code, int) and leaving.code >= 128:  # by a signal, 128 + its number
+            # Python would kill itself where an interrupt has hit ``exec``, and wait for threads.
+            atexit._run_exitfuncs()  # folders for the time being are removed
+            for stream in (sys.stdout, sys.stderr):
+                with contextlib.suppress(OSError, ValueError):
+                    stream.flush()
+            os._exit(leaving.code)
         raise
     sys.exit(0)
-
-
-def _end_process(code: int) -> NoReturn:
-    """End with this code; Python would kill itself where an interrupt has hit ``exec``, and wait for threads."""
-    atexit._run_exitfuncs()  # folders for the time being are removed
-    for stream in (sys.stdout, sys.stderr):
-        with contextlib.suppress(OSError, ValueError):
-            stream.flush()
-    os._exit(code)
 
 
 def _leave_working_directory() -> None:

@@ -20,8 +20,7 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any
 
-KeyPath = tuple[str | int, ...]
-"""Keys and list indices from the root of a file to an entry."""
+KeyPath = tuple[str | int, ...]  # Keys and list indices from the root of a file to an entry
 
 
 @dataclass(frozen=True)
@@ -54,7 +53,9 @@ class Issue:
         place = f"{self.file}:{self.line}: " if self.file and self.line else f"{self.file}: " if self.file else ""
         key = f"{key_text(self.key)}: " if self.key else ""
         hint = f" – {self.hint}" if self.hint else ""
-        return _escaped(f"{place}{key}{self.message}{hint}")
+        text = f"{place}{key}{self.message}{hint}"
+        # No control characters, which terminals obey or hide.
+        return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
     def to_json(self) -> dict[str, Any]:
         """The entry of ``issues`` in the document of an error; what is not known is null."""
@@ -77,11 +78,6 @@ class Issue:
         return replace(self, file=file, line=self.line or line)
 
 
-def _escaped(text: str) -> str:
-    r"""The text with escapes such as ``\x1b`` in place of control characters, which terminals obey or hide."""
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
-
-
 def key_text(key: KeyPath) -> str:
     """A key path as people write it.
 
@@ -96,9 +92,7 @@ def key_text(key: KeyPath) -> str:
 
 
 def as_given(value: object) -> str:
-    """A value of a file in the words of the file: ``'text'``, ``true``, ``a list of 3``; long texts are cut at 40
-    characters.
-    """
+    """A value in the words of the file: ``'text'``, ``true``, ``a list of 3``; texts are cut at 40 characters."""
     if isinstance(value, list | tuple | Mapping):
         return "a mapping" if isinstance(value, Mapping) else f"a list of {len(value)}"
     if value is None or isinstance(value, bool):
@@ -140,19 +134,14 @@ class PostureOptError(Exception):
     """
 
     exit_code = 1
+    # What the document of this error has besides, where not to have an answer is one.
     answer: Mapping[str, Any] = MappingProxyType({})
-    """What the document of this error has besides, where not to have an answer is one."""
 
     def to_json(self) -> dict[str, Any]:
         """The document of this error: its exit code and its issues."""
-        issues = getattr(self, "issues", ()) or (Issue(str(self), id=_IDS.get(self.exit_code, "input.invalid")),)
+        ids = {3: "selection.no-solution", 4: "measurements.insufficient"}
+        issues = getattr(self, "issues", ()) or (Issue(str(self), id=ids.get(self.exit_code, "input.invalid")),)
         return {**self.answer, "error": {"code": self.exit_code, "issues": [issue.to_json() for issue in issues]}}
-
-
-_IDS = {3: "selection.no-solution", 4: "measurements.insufficient"}
-"""Exit code -> id of an error that is one text."""
-MAX_LISTED_ISSUES = 20
-"""A file of another kind is wrong throughout; what is wrong is seen from the first issues."""
 
 
 class InputError(PostureOptError):
@@ -160,7 +149,7 @@ class InputError(PostureOptError):
 
     Args:
         issues: everything wrong with it, not only the first thing; a plain text is one issue without a place. Its text
-            has the first `MAX_LISTED_ISSUES`, and how many more there are.
+            has the first 20, and how many more there are.
     """
 
     exit_code = 2
@@ -169,7 +158,8 @@ class InputError(PostureOptError):
         if isinstance(issues, str):
             issues = Issue(issues)
         self.issues: tuple[Issue, ...] = (issues,) if isinstance(issues, Issue) else tuple(issues)
-        lines, left = [str(issue) for issue in self.issues[:MAX_LISTED_ISSUES]], len(self.issues) - MAX_LISTED_ISSUES
+        # A file of another kind is wrong throughout, as the first issues show.
+        lines, left = [str(issue) for issue in self.issues[:20]], len(self.issues) - 20
         super().__init__("\n".join([*lines, f"and {left} more"] if left > 0 else lines))
 
 

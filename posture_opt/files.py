@@ -1,6 +1,4 @@
-"""Every file that is read is opened here: those that users name are found, or refused with a hint, and never read
-beyond a limit; those that are part of the package are texts.
-"""
+"""Every file that is read is opened here: found, or refused with a hint, and never read beyond a limit."""
 
 from __future__ import annotations
 
@@ -18,11 +16,7 @@ from posture_opt.errors import InputError, Issue, nearest
 
 
 def located(folder: Path, name: str) -> Path:
-    """The path of ``name``, relative to ``folder``; ``~`` is the home folder. Whether there is a file is not asked.
-
-    Raises:
-        InputError: no path can have this name.
-    """
+    """The path of ``name``, relative to ``folder``; ``~`` is the home folder. Whether there is a file is not asked."""
     _check_name(name)
     try:
         return folder / Path(name).expanduser()
@@ -32,11 +26,6 @@ def located(folder: Path, name: str) -> Path:
 
 
 def _check_name(name: str) -> None:
-    """Refuses a name that no file can have, or that a report could not write as UTF-8.
-
-    Raises:
-        InputError: a zero character, or bytes that are not UTF-8.
-    """
     if "\0" in name:
         raise InputError(Issue("the file name holds a character that no file name has", value=name))
     try:
@@ -57,7 +46,6 @@ def is_file(path: Path) -> bool:
 
 
 def _status_or_none(path: Path) -> os.stat_result | None:
-    """What the system says of a path; None where it cannot be asked."""
     try:
         return path.stat()
     except (OSError, ValueError):
@@ -66,15 +54,15 @@ def _status_or_none(path: Path) -> os.stat_result | None:
 
 @contextmanager
 def opened(path: Path, most: int) -> Iterator[BinaryIO]:
-    """A regular file of at most ``most`` bytes, open to be read; devices and pipes may have no end, and are refused.
-
-    Raises:
-        InputError: no such file, no regular file, too large, or not readable, also while it is read; the message leaves
-            out the path.
-    """
+    """A regular file of at most ``most`` bytes, open to be read; devices and pipes may have no end, and are refused."""
     _check_name(str(path))
     try:
-        _check_file(path.stat(), most)
+        status = path.stat()
+        if not stat.S_ISREG(status.st_mode):
+            kind = "a folder" if stat.S_ISDIR(status.st_mode) else "a device or a pipe"
+            raise InputError(Issue(f"this is {kind}, not a file", hint="name a file"))
+        if status.st_size > most:
+            raise InputError(Issue(f"the file is larger than {most / 1e6:g} MB"))
         with path.open("rb") as stream:
             yield stream
     except FileNotFoundError:
@@ -85,25 +73,8 @@ def opened(path: Path, most: int) -> Iterator[BinaryIO]:
         raise InputError(Issue(f"the file cannot be read ({error.strerror or error})")) from None
 
 
-def _check_file(status: os.stat_result, most: int) -> None:
-    """Refuses what is not a regular file of at most ``most`` bytes.
-
-    Raises:
-        InputError: a folder, a device or a pipe, or a file that is too large.
-    """
-    if not stat.S_ISREG(status.st_mode):
-        kind = "a folder" if stat.S_ISDIR(status.st_mode) else "a device or a pipe"
-        raise InputError(Issue(f"this is {kind}, not a file", hint="name a file"))
-    if status.st_size > most:
-        raise InputError(Issue(f"the file is larger than {most / 1e6:g} MB"))
-
-
 def content(path: Path, most: int) -> bytes:
-    """The bytes of a regular file of at most ``most`` bytes.
-
-    Raises:
-        InputError: as of ``opened``.
-    """
+    """The bytes of a regular file of at most ``most`` bytes."""
     with opened(path, most) as stream:
         found = stream.read(most + 1)
     if len(found) > most:  # files of /proc have size 0
@@ -146,10 +117,5 @@ def builtin_names() -> tuple[str, ...]:
 
 
 def packaged(package: str, *parts: str) -> str:
-    """A text that is part of the package: ``packaged("posture_opt.robot", "presets", "ur10.yaml")``.
-
-    Args:
-        package: dotted name of the package that has the file.
-        parts: folders below it, and the file.
-    """
+    """A text that is part of the package: ``packaged("posture_opt.robot", "presets", "ur10.yaml")``."""
     return files(package).joinpath(*parts).read_text(encoding="utf-8")

@@ -13,23 +13,14 @@ from contextlib import ContextDecorator, contextmanager, suppress
 from types import FrameType, TracebackType
 from typing import Any
 
-_SIGNAL_NAMES = ("SIGINT", "SIGTERM", "SIGHUP", "SIGALRM", "SIGUSR1", "SIGUSR2")
-"""Signals whose handlers may raise; those that a system lacks are skipped."""
-_RAISE_AGAIN_S = 0.05
-"""Period [s] after which an exception that was swallowed is raised again: unnoticed, yet time to clean up."""
-
 
 class interruptible(ContextDecorator):  # noqa: N801 # it reads as what it makes of a function
     """What a signal handler raises within ends the body, whoever swallows it: with statement or decorator.
 
     CasADi runs Python's signal handlers in IPOPT's callbacks and while it converts arguments, and drops what they
     raise: a solve that Ctrl-C has stopped then looks like one that failed. Here the exception is raised again and
-    again until it is on its way out, and at the latest at the end of the body. The handlers are those that were there:
-    by default there is one, for Ctrl-C, which raises KeyboardInterrupt. Threads other than the main one get no
-    signals. An inner one leaves everything to the outer one.
-
-    Raises:
-        KeyboardInterrupt: or whatever a handler raises.
+    again until it is on its way out, at the latest at the end of the body. The handlers are those that were there.
+    Threads other than the main one get no signals. An inner one leaves everything to the outer one.
 
     Example:
         >>> with interruptible():
@@ -44,17 +35,15 @@ class interruptible(ContextDecorator):  # noqa: N801 # it reads as what it makes
         self._sending = threading.Lock()
 
     def _recreate_cm(self) -> interruptible:
-        """A new one for each call of a decorated function: it holds the state of one body."""
-        return interruptible()
+        return interruptible()  # the state is that of one call of a decorated function
 
     def __enter__(self) -> None:
         if threading.current_thread() is not threading.main_thread():
             return
-        handlers = {number: signal.getsignal(number) for number in _signal_numbers()}
+        handlers = _handlers()
         if any(isinstance(getattr(handler, "__self__", None), interruptible) for handler in handlers.values()):
             return
-        self._stderr = sys.stderr
-        self._former = {number: handler for number, handler in handlers.items() if callable(handler)}
+        self._stderr, self._former = sys.stderr, handlers
         for number in self._former:
             signal.signal(number, self._handle_signal)
 
@@ -70,7 +59,6 @@ class interruptible(ContextDecorator):  # noqa: N801 # it reads as what it makes
                 raise self._raised from None  # swallowed, or another error that follows from it
 
     def _handle_signal(self, number: int, frame: FrameType | None) -> None:
-        """In place of the former handlers: calls the former one, and keeps raising what that has raised."""
         if self._raised is not None:
             if not (self._over or self._on_its_way()):
                 raise self._raised
@@ -95,11 +83,10 @@ class interruptible(ContextDecorator):  # noqa: N801 # it reads as what it makes
         return error is not None
 
     def _send_again(self, number: int) -> None:
-        """Sends the signal to the main thread again and again until the body is over; runs in a thread of its own."""
         main = threading.main_thread().ident
         assert main is not None
         while True:
-            time.sleep(_RAISE_AGAIN_S)
+            time.sleep(0.05)  # unnoticed, yet time to clean up
             with self._sending:
                 if self._over:
                     return
@@ -111,7 +98,7 @@ class interruptible(ContextDecorator):  # noqa: N801 # it reads as what it makes
 
 @contextmanager
 def undisturbed() -> Iterator[None]:
-    """Handlers of signals wait until the block, a short one, has ended; what arrived meanwhile is handled then.
+    """Have handlers of signals wait until the block, a short one, has ended.
 
     A mask of the main thread would not do: another thread takes the signal then, and the main one runs its handler.
     """
@@ -119,8 +106,7 @@ def undisturbed() -> Iterator[None]:
         yield
         return
     waiting: list[int] = []
-    handlers = {number: signal.getsignal(number) for number in _signal_numbers()}
-    former = {number: handler for number, handler in handlers.items() if callable(handler)}
+    former = _handlers()
     for number in former:
         signal.signal(number, lambda number, frame: waiting.append(number))
     try:
@@ -132,6 +118,8 @@ def undisturbed() -> Iterator[None]:
             former[number](number, None)
 
 
-def _signal_numbers() -> list[int]:
-    """Numbers of the signals in ``_SIGNAL_NAMES`` that this system has."""
-    return [int(getattr(signal, name)) for name in _SIGNAL_NAMES if hasattr(signal, name)]
+def _handlers() -> dict[int, Any]:
+    """Number -> handler of the signals whose handlers may raise, of those that this system has."""
+    names = ("SIGINT", "SIGTERM", "SIGHUP", "SIGALRM", "SIGUSR1", "SIGUSR2")
+    found = {int(getattr(signal, n)): signal.getsignal(getattr(signal, n)) for n in names if hasattr(signal, n)}
+    return {number: handler for number, handler in found.items() if callable(handler)}

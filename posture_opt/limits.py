@@ -1,8 +1,7 @@
 """All limits in one place: how much the commands accept, what one thing more costs, and what to do with too many.
 
-No accepted input takes more than about ten minutes of one core, or 1 GB, on an arm with six joints; a map of 50 000
-targets takes twenty minutes, and goes on where it was ended. Costs were measured on such an arm, where not said
-otherwise.
+No accepted input takes more than about ten minutes of one core, or 1 GB, on an arm with six joints, on which costs were
+measured; a map of 50 000 targets takes twenty minutes, and goes on where it was ended.
 """
 
 from __future__ import annotations
@@ -14,14 +13,7 @@ from posture_opt.errors import BadValueError, InputError, Issue, KeyPath
 
 @dataclass(frozen=True)
 class Budget:
-    """The most of one thing that is accepted.
-
-    Args:
-        what: the thing, in the plural.
-        most: the number that is accepted.
-        where: commands, or parts of a file, that have it.
-        cost: what one costs, as measured.
-        hint: what to do with more.
+    """The most of one thing that is accepted, where, what one costs as measured, and what to do with more.
 
     Example:
         >>> Budget("rows", 2, "tables", "1 ms each", "thin them out").check(3)
@@ -45,20 +37,12 @@ class Budget:
         return f"more than the {self.most} {self.what} that are accepted"
 
     def check(self, count: int) -> None:
-        """Refuse more of them, where the key is not known.
-
-        Raises:
-            BadValueError: more than are accepted.
-        """
+        """Refuse more of them, where the key is not known."""
         if count > self.most:
             raise BadValueError(self.message(count), self.hint)
 
     def check_at(self, count: int, key: KeyPath, hint: str = "") -> None:
-        """Refuse more of them, named by ``key``; ``hint`` in place of the usual one.
-
-        Raises:
-            InputError: more than are accepted.
-        """
+        """Refuse more of them, named by ``key``; ``hint`` in place of the usual one."""
         if count > self.most:
             raise InputError(Issue(self.message(count), key, count, hint or self.hint))
 
@@ -81,12 +65,9 @@ MOST_CELLS = Budget("cells", 10_000_000, "tables, rows times columns", "2.5 µs,
 MOST_FITTED = Budget("rows times joints", 600_000, "`calibrate`", "0.1 ms, 1 kB", "larger files are thinned to this")
 MOST_SEARCHED = Budget("rows times joints", 60_000, "`diagnose`", "1 ms, 15 kB", "larger files are thinned to this")
 MOST_PLACES = Budget(
-    "places",
-    100,
-    "columns `target`, `point`, `plane`, `anchor`",
-    "100 take 85 s: three unknowns each, found again in every fold",
-    "calibrate with some of them",
-)
+    "places", 100, "columns `target`, `point`, `plane`, `anchor`",
+    "100 take 85 s: three unknowns each, found again in every fold", "calibrate with some of them",
+)  # fmt: skip
 MOST_ROBOTS = Budget("robots", 500, "the column `robot`", "a calibration each", "make several files")
 MOST_FOLDS = Budget("folds", 200, "`--folds`", "a fit each", "take fewer: 5 to 20 are usual")
 MOST_PLANNED = Budget("postures", 200, "`plan-measurements --count`", "0.1 s, 2 MB", "make several plans")
@@ -95,10 +76,10 @@ MOST_COMPENSATED = Budget("targets", 50_000, "`compensate`", "5 ms, 3 kB", "make
 MOST_PIXELS = Budget("pixels", 25_000_000, "a picture of `detect`", "0.5 µs, up to 200 bytes", "scale it down")
 MOST_BOARD_POINTS = Budget("points", 2_500, "`detect --board`", "less than a picture's pixels", "is it columns x rows?")
 
+# All of them, as the reference lists them.
 LIMITS: tuple[Budget, ...] = (
     MOST_JOINTS, MOST_CAPSULES, MOST_OBSTACLES, MOST_EFFECTS, MOST_FEATURES, MOST_PATH_POINTS, MOST_STARTS,
     MOST_MAP_TARGETS, MOST_SAMPLES, MOST_PROBLEM_FILES, MOST_CELLS, MOST_FITTED, MOST_SEARCHED, MOST_PLACES,
     MOST_ROBOTS, MOST_FOLDS, MOST_PLANNED, MOST_CANDIDATES, MOST_COMPENSATED,
     MOST_PIXELS, MOST_BOARD_POINTS,
 )  # fmt: skip
-"""All of them, as the reference lists them."""

@@ -10,18 +10,14 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-"""Real numbers; the docstring of a function states which shape and unit."""
-Codes = NDArray[np.intp]
-"""Whole numbers that index rows or name groups of them."""
-Mask = NDArray[np.bool_]
-"""True where something holds."""
-TURN = 2 * math.pi
-"""One full turn [rad]."""
+Array = NDArray[np.float64]  # Real numbers; the docstring of a function states which shape and unit
+Codes = NDArray[np.intp]  # Whole numbers that index rows or name groups of them
+Mask = NDArray[np.bool_]  # True where something holds
+TURN = 2 * math.pi  # One full turn [rad]
+# What a JSON document holds: plain values, lists and objects of them.
 Json: TypeAlias = "bool | int | float | str | Sequence[Json] | Mapping[str, Json] | None"
-"""What a JSON document holds: plain values, lists and objects of them."""
+# Receives ``(done, total)``: how many of how many parts of a computation are done.
 Progress = Callable[[int, int], None]
-"""Receives ``(done, total)``: how many of how many parts of a computation are done."""
 
 
 def finite_or_none(value: float) -> float | None:
@@ -44,10 +40,6 @@ def rms_length(vectors: Array) -> float:
     return float(np.sqrt(np.mean(np.sum(np.square(vectors), axis=1))))
 
 
-_CLEAR_RANK = 1e-9
-"""Of the largest eigenvalue of a Gram matrix: above it the rank is full beyond doubt."""
-
-
 def factored_columns(A: Array) -> tuple[Array, Array] | None:
     """``A = Q K`` of many rows (m, k), Q orthonormal to rounding and K (k, k); None where the rank may not be full.
 
@@ -57,7 +49,7 @@ def factored_columns(A: Array) -> tuple[Array, Array] | None:
     Source: Yamamoto, Nakatsukasa, Yanagisawa, Fukaya (2015), CholeskyQR2.
     """
     values, vectors = np.linalg.eigh(A.T @ A)
-    if not values.min(initial=1.0) > _CLEAR_RANK * values.max(initial=1.0):
+    if not values.min(initial=1.0) > 1e-9 * values.max(initial=1.0):  # of a Gram matrix: the rank may not be full
         return None
     root = np.sqrt(values)
     Q = A @ (vectors / root)
@@ -66,14 +58,10 @@ def factored_columns(A: Array) -> tuple[Array, Array] | None:
 
 
 def thin_svd(A: Array) -> tuple[Array, Array, Array]:
-    """``A = U diag(s) Vᵀ`` (m, k): U (m, r), s (r,) and Vᵀ (r, k), r the smaller of both sides.
-
-    The method of numpy, divide and conquer, is fast; where singular values are many and all rounding it may not
-    converge, and LAPACK's older one takes its place.
-    """
+    """``A = U diag(s) Vᵀ`` (m, k): U (m, r), s (r,) and Vᵀ (r, k), r the smaller of both sides."""
     try:
         U, s, V = np.linalg.svd(A, full_matrices=False)
-    except np.linalg.LinAlgError:
+    except np.linalg.LinAlgError:  # divide and conquer may not converge where many values are all rounding
         from scipy.linalg import svd
 
         U, s, V = svd(A, full_matrices=False, lapack_driver="gesvd")
@@ -120,9 +108,5 @@ class DerivedAgain:
     def __getstate__(self) -> dict[str, Any]:
         """The attributes without those that a ``cached_property`` has filled."""
         kind = type(self)
-        return {name: value for name, value in vars(self).items() if not _is_cached(kind, name)}
-
-
-def _is_cached(kind: type[Any], name: str) -> bool:
-    """Whether an attribute of a class is a ``cached_property``."""
-    return isinstance(getattr(kind, name, None), cached_property)
+        cached = {name for name in vars(self) if isinstance(getattr(kind, name, None), cached_property)}
+        return {name: value for name, value in vars(self).items() if name not in cached}

@@ -1,7 +1,7 @@
 """``Result``: the face that every answer of this package shows, in Python, in notebooks and on the command line.
 
-A result holds numbers and knows nothing of reports. Its presenter belongs to a room above, which registers it in
-``posture_opt.registration``; it is loaded when a result is first looked at, so computing needs none of it.
+A result holds numbers and knows nothing of reports. Its presenter belongs to a room above, which the package itself
+finds; it is loaded when a result is first looked at, so computing needs none of it.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from posture_opt import presenter_of
 from posture_opt.numerics import DerivedAgain, Json, Progress
-from posture_opt.registration import registered
 from posture_opt.statements import Statement, by_severity
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ class Summarised(DerivedAgain):
     @cached_property
     def _presenter(self) -> Any:
         """What presents this; the only way from the rooms below to the reports above."""
-        return registered("presenter", self)
+        return presenter_of(self)
 
 
 class Result(Summarised, ABC):

@@ -21,15 +21,9 @@ from pydantic_core import CoreSchema
 from posture_opt.errors import BadValueError
 from posture_opt.units import is_bare_zero
 
-_MAX_MAGNITUDE = 1e12
-"""SI value beyond which a number is a slip of the exponent; squares of larger ones lose all digits."""
-
 
 class Spec(BaseModel):
-    """A section of the problem file: its fields are the YAML keys, unknown keys are errors, values never change.
-
-    Lengths, angles and the like are read by the types of `posture_opt.units` and held in SI units and radians.
-    """
+    """A section of the problem file: its fields are the YAML keys, unknown keys are errors, values never change."""
 
     model_config: ClassVar[ConfigDict] = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
@@ -39,56 +33,36 @@ class Spec(BaseModel):
         """The section as given with zeros for its `NEGLIGIBLE` numbers; names and other texts stay as they are."""
         if not isinstance(given, dict):
             return given
-        texts = {
-            key for key, field in cls.model_fields.items() if str in (field.annotation, *get_args(field.annotation))
-        }
+        fields = cls.model_fields.items()
+        texts = {key for key, field in fields if str in (field.annotation, *get_args(field.annotation))}
         return {key: value if key in texts else _without_rounding(value) for key, value in given.items()}
 
     @field_validator("*", mode="after")
     @classmethod
     def _refuse_implausible(cls, value: object, info: ValidationInfo) -> object:
-        """The value as it is, if all its numbers are of a plausible magnitude; a seed may be any number.
-
-        Raises:
-            BadValueError: a number that nobody can mean, and whose square would lose all digits.
-        """
         for number in _numbers_in(value) if info.field_name != "seed" else ():
-            if abs(number) > _MAX_MAGNITUDE:
+            if abs(number) > 1e12:  # SI: squares of larger ones lose all digits
                 raise BadValueError(f"{number:.6g} is not plausible", "is the exponent right?")
         return value
 
 
 def _without_rounding(value: object) -> object:
-    """A number, the text of one, or a list of these, with zeros for what is `NEGLIGIBLE`.
-
-    The entries of a section are fields of their own.
-    """
     if isinstance(value, tuple | list):
         return [_without_rounding(entry) for entry in value]
     return 0.0 if isinstance(value, float | str) and is_bare_zero(value) and float(value) else value
 
 
 class WordOrSection(Spec):
-    """A section that a file may abbreviate by one word: ``free``, ``none``.
-
-    The class says what the word stands for.
-    """
+    """A section that a file may abbreviate by one word: ``free``, ``none``."""
 
     word: ClassVar[str]
-    meaning: ClassVar[Mapping[str, object]]
-    """The keys that the word stands for."""
+    meaning: ClassVar[Mapping[str, object]]  # The keys that the word stands for
     noun: ClassVar[str]
-    example: ClassVar[str]
-    """What could be written in its place."""
+    example: ClassVar[str]  # What could be written in its place
 
     @model_validator(mode="before")
     @classmethod
     def _expanded_word(cls, value: object) -> object:
-        """The word as the section that it abbreviates.
-
-        Raises:
-            BadValueError: any other word.
-        """
         if isinstance(value, str):
             if value.strip() != cls.word:
                 raise BadValueError(f"'{value}' is no {cls.noun}", f"write {cls.word} or {cls.example}")
@@ -102,7 +76,6 @@ class WordOrSection(Spec):
 
 
 def _numbers_in(value: object) -> Iterator[float]:
-    """The numbers that a field holds, those in its lists and mappings among them; infinite ones are defaults."""
     if isinstance(value, float | int):
         if math.isfinite(value):
             yield value

@@ -1,18 +1,19 @@
-"""Texts from outside: which characters a text may hold that reports, figures, programs and tables repeat.
+"""Texts from outside, which reports, figures, programs and tables repeat: what they may hold, and cells of CSV files.
 
-Every text of a file passes `checked`, whatever its format: names end up in comments of robot programs, where a line
-break would put what follows it on a line of its own.
+Source of the cells: RFC 4180, section 2; OWASP, "CSV Injection".
 """
 
 from __future__ import annotations
 
+import math
 import re
+from collections.abc import Iterable
 from typing import Any
 
 from posture_opt.errors import Issue, KeyPath
 
+# Control characters, halves of characters, and all that some language ends a line at.
 _REFUSED = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff\ufffe\uffff]")
-"""Control characters, halves of characters, and all that some language ends a line at."""
 _LINE_ENDS = "\n\v\f\r\x1c\x1d\x1e\x85\u2028\u2029"
 _BLANKS = f"\t{_LINE_ENDS}"
 
@@ -38,8 +39,6 @@ def text_fault(text: str) -> tuple[str, str] | None:
 def one_line(text: str) -> str:
     r"""The text with a blank for each line break and tab, and ``?`` for what else no text may hold.
 
-    For names that cannot be refused, and for whatever is written to where a line break counts.
-
     Example:
         >>> one_line("a\nmovej()")
         'a movej()'
@@ -48,12 +47,7 @@ def one_line(text: str) -> str:
 
 
 def checked(data: Any, key: KeyPath = ()) -> tuple[Any, list[Issue]]:
-    """Plain data with every text in `one_line`, and an issue for each text and name of a key that was not.
-
-    Args:
-        data: text, number, or lists and mappings of them.
-        key: of ``data`` in the whole, for the issues.
-    """
+    """Plain data with every text in `one_line`, and an issue for each text and name of a key that was not."""
     if isinstance(data, str):
         fault = text_fault(data)
         return (data, []) if fault is None else (one_line(data), [Issue(fault[0], key, None, fault[1])])
@@ -73,3 +67,53 @@ def checked(data: Any, key: KeyPath = ()) -> tuple[Any, list[Issue]]:
             issues += found
         return rows, issues
     return data, issues
+
+
+_FORMULA = re.compile(r"\s*'*[=+\-@]")
+# Digits and the marks between them: no formula, whatever sign it begins with.
+_NUMBER = re.compile(r"\s*[-+]?[\d.,'\s]*\d[\d.,'\s]*(?:[eE][-+]?\d+)?\s*|\s*[-+]?(?:nan|inf)\s*", re.IGNORECASE)
+_GUARDED = re.compile(r"\s*'(?='*[=+\-@])")
+
+
+def number_or_nan(text: str) -> float:
+    """The number that a text is; NaN where it is none."""
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
+
+
+def csv_line(cells: Iterable[str], separator: str = ", ") -> str:
+    """One row, without its end: numbers as they are, texts so that spreadsheets and `csv.reader` take them as texts.
+
+    Between commas, semicolons are quoted too: in many countries spreadsheets take them for separators.
+
+    Behind a comma there is no blank before a quoted cell, as the quotes would be part of it then.
+
+    Example:
+        >>> csv_line(["=cmd()", "-1.5", "pin 1", "a, b"])
+        '\\'=cmd(), -1.5, pin 1,"a, b"'
+    """
+    line = ""
+    quoted = ',;"' if separator.strip() == "," else f'{separator}"'
+    for k, cell in enumerate(_csv_cell(cell, quoted) for cell in cells):
+        before = (separator.rstrip() or separator) if cell.startswith('"') else separator
+        line += (before if k else "") + cell
+    return line
+
+
+def _csv_cell(cell: str, quoted: str) -> str:
+    text = one_line(cell)
+    if _FORMULA.match(text) and not _NUMBER.fullmatch(text):
+        text = "'" + text
+    return '"' + text.replace('"', '""') + '"' if {*text} & {*quoted} else text
+
+
+def unguarded(cell: str) -> str:
+    """A text as it was before `csv_line` put an apostrophe before it.
+
+    Example:
+        >>> unguarded("'=cmd()"), unguarded("'quoted'")
+        ('=cmd()', "'quoted'")
+    """
+    return _GUARDED.sub("", cell, count=1)

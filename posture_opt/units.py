@@ -1,11 +1,4 @@
-"""Quantities with units in files and reports, SI and radians inside.
-
-A number that has a dimension carries its unit in the file: ``0.05 mm``, ``20 arcsec``, ``8 urad/(N m)``. Zero needs
-none: it is the same in every unit. So is what is `NEGLIGIBLE`.
-
-The annotated types below are the fields of the ``Spec`` classes: they read such a text and hold SI floats.
-`shown` goes the other way, with a standard error where there is one: ``0.261 ± 0.012 mrad``.
-"""
+"""Quantities with units in files and reports, SI and radians inside."""
 
 from __future__ import annotations
 
@@ -44,17 +37,16 @@ DIMENSIONS: dict[str, tuple[str, str]] = {
 }
 
 LARGEST: dict[str, float] = {
-    # dimension -> SI value beyond which no arm and no workpiece is; covariances of what is larger would lose all digits
+    # dimension -> SI value beyond which no arm and no workpiece is; covariances of what is larger would lose all
+    # digits. 1e8 of the others.
     "length": 1e5,
     "angle": 1e5,
     "mass": 1e6,
     "temperature": 1e5,
     "time": 1e10,
 }
-_MAX_OTHER = 1e8
-"""SI value beyond which no quantity of a dimension without an entry in ``LARGEST`` is."""
+# SI value up to which a number is zero: the rounding of programs that write −2.09e-37, far below any arm's errors.
 NEGLIGIBLE = 1e-15
-"""SI value up to which a number is zero: the rounding of programs that write −2.09e-37, far below any arm's errors."""
 
 SHOWN: dict[str, tuple[float, str]] = {
     # dimension -> factor from SI and unit that reports use
@@ -72,21 +64,16 @@ SHOWN: dict[str, tuple[float, str]] = {
     "share": (1e2, "%"),
     "factor": (1.0, ""),
 }
+# SI unit -> factor and unit that reports use for errors: deviations, their σ, what is left of them. Angles are in
+# deg, errors of angles in mrad, which are mm at a lever of a metre.
 ERROR_UNITS: dict[str, tuple[float, str]] = {
     **{si: SHOWN.get(name, (1.0, si)) for name, (si, _) in DIMENSIONS.items()},
     "m": (1e3, "mm"),
     "1": (1.0, ""),
 }
-"""SI unit -> factor and unit that reports use for errors: deviations, their σ, what is left of them. Angles are in deg,
-errors of angles in mrad, which are mm at a lever of a metre."""
-UNKNOWN = "not known"
-"""What reports write in place of NaN and infinity."""
+UNKNOWN = "not known"  # What reports write in place of NaN and infinity
+# Decimals of any number with a unit of reports: nanometres in mm, nanoradians in mrad. What is less is rounding.
 _MAX_DECIMALS = 6
-"""Decimals of any number with a unit of reports: nanometres in mm, nanoradians in mrad. What is less is rounding."""
-_EXTRA_DECIMALS = 2
-"""Decimals that a number may have in excess of a larger one next to it."""
-_MICROMETRES_BELOW_M = 1e-5
-"""Errors of length below this [m] are written in µm, others in mm."""
 
 # Only what a robot file can need. The whole of pint's table takes 0.3 s to read, and it would accept
 # 'min', 'a' (year) or 'd' (day) where a typing error is far more likely.
@@ -113,8 +100,6 @@ _DEFINITIONS = [
 ]
 
 _UNIT = re.compile(r"(?:1\s*(?=/))?(?:[A-Za-z°ºµμ]+(?:\s*(?:\*\*|\^)\s*-?\d(?!\d))?|[*/()]|\s)+")
-_MAX_UNIT_LENGTH = 40
-"""Characters of a unit: what is longer is none, and costs pint time."""
 _NUMBER = re.compile(r"^\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*$")
 
 
@@ -147,11 +132,6 @@ def registry() -> UnitRegistry[float]:
 
 @cache
 def _unit_factor(unit: str, dimension: str) -> float:
-    """The factor from ``unit`` to the SI unit of ``dimension``.
-
-    Raises:
-        BadValueError: an unknown unit, or one of another dimension.
-    """
     if (unit, dimension) in _COMMON_FACTORS:
         return _COMMON_FACTORS[unit, dimension]
     si, example = DIMENSIONS[dimension]
@@ -159,8 +139,8 @@ def _unit_factor(unit: str, dimension: str) -> float:
         return 1.0
     if any(unit == other for other, kind in _COMMON_FACTORS if {kind, dimension} == {"length", "angle"}):
         raise BadValueError(f"'{unit}' is not a unit of {dimension}", f"write for example {example}")
-    if len(unit) > _MAX_UNIT_LENGTH or not _UNIT.fullmatch(unit):  # pint would compute 9**9**9**9
-        raise BadValueError(f"unknown unit '{unit[:_MAX_UNIT_LENGTH]}'", f"write for example {example}")
+    if len(unit) > 40 or not _UNIT.fullmatch(unit):  # pint would compute 9**9**9**9
+        raise BadValueError(f"unknown unit '{unit[:40]}'", f"write for example {example}")
     units = registry()
     # "N m" is how people write a product of units; pint wants an operator between them.
     text = re.sub(r"(?<=[A-Za-z°ºµμ)\d])\s+(?=[A-Za-z°ºµμ(])", "*", unit)
@@ -168,22 +148,13 @@ def _unit_factor(unit: str, dimension: str) -> float:
         quantity: Any = units.Quantity(f"1 {text}" if text.startswith("/") else f"1 * {text}")
         return float(quantity.to(units.Unit(si)).magnitude)
     except Exception as error:  # pint raises a dozen kinds, among them plain tokenizer errors
-        kind = type(error).__name__
-        if kind == "DimensionalityError":
-            raise BadValueError(f"'{unit}' is not a unit of {dimension}", f"write for example {example}") from None
-        raise BadValueError(f"unknown unit '{unit}'", f"write for example {example}") from None
+        other = type(error).__name__ == "DimensionalityError"
+        text = f"'{unit}' is not a unit of {dimension}" if other else f"unknown unit '{unit}'"
+        raise BadValueError(text, f"write for example {example}") from None
 
 
 def parse_quantity(value: object, dimension: str) -> float:
     """The SI value of a text such as ``"0.05 mm"``; a bare zero is zero in every unit, and so is what is `NEGLIGIBLE`.
-
-    Args:
-        value: what is in the file.
-        dimension: a key of ``DIMENSIONS``.
-
-    Raises:
-        BadValueError: no text, no number, no unit though it is not zero, a wrong unit, or not finite.
-        ImplausibleError: a magnitude that no arm and no workpiece has, see ``LARGEST``.
 
     Example:
         >>> parse_quantity("0.05 mm", "length"), parse_quantity("180 deg", "angle")
@@ -210,7 +181,7 @@ def parse_quantity(value: object, dimension: str) -> float:
     result = float(number) * _unit_factor(unit, dimension)
     if not math.isfinite(result):
         raise BadValueError(f"{as_given(value)} is not a finite number", f"write for example {example}")
-    if abs(result) > LARGEST.get(dimension, _MAX_OTHER):
+    if abs(result) > LARGEST.get(dimension, 1e8):
         raise ImplausibleError(f"{as_given(value)} is not plausible", "is the exponent right?")
     return result if abs(result) > NEGLIGIBLE else 0.0
 
@@ -219,13 +190,11 @@ class ImplausibleError(BadValueError):
     """A quantity that is written as it should be, and far too large to be meant."""
 
 
+# Schema of a text with a unit; the bounds are those of a bare number, which can only be zero, rounding allowed.
 _TEXT_OR_ZERO: dict[str, Any] = {"type": ["string", "number"], "minimum": -NEGLIGIBLE, "maximum": NEGLIGIBLE}
-"""Schema of a text with a unit; the bounds are those of a bare number, which can only be zero, rounding allowed."""
 
 
 def _quantity_type(dimension: str) -> Any:
-    """The type of a field of this dimension: a float in SI units, read from a text, with its JSON Schema."""
-
     def read(value: object) -> float:
         return parse_quantity(value, dimension)
 
@@ -239,16 +208,14 @@ def _quantity_type(dimension: str) -> Any:
     return Annotated[float, BeforeValidator(read), WithJsonSchema(schema)]
 
 
-BY_NAME = "angle or length"
-"""The dimension of what the name of a joint or a parameter decides."""
+BY_NAME = "angle or length"  # The dimension of what the name of a joint or a parameter decides
 
 # A parameter's name decides, so the text is read when the robot is known.
 Quantity = Annotated[Any, WithJsonSchema({**_TEXT_OR_ZERO, "examples": ["1 deg", "10 mm"], "dimension": BY_NAME})]
 
 
 # The type of the joint decides, so the text is read when the robot is known.
-BY_JOINT_TYPE = "angular velocity or velocity"
-"""The dimension of what the type of a joint decides."""
+BY_JOINT_TYPE = "angular velocity or velocity"  # The dimension of what the type of a joint decides
 JointVelocity = Annotated[
     Any, WithJsonSchema({**_TEXT_OR_ZERO, "examples": ["120 deg/s", "0.5 m/s"], "dimension": BY_JOINT_TYPE})
 ]
@@ -260,7 +227,6 @@ class JointQuantity:
 
     Args:
         value: [rad] or [m].
-        dimension: ``angle``, ``length``, or empty for a bare zero, which suits both.
     """
 
     value: float
@@ -285,11 +251,6 @@ def is_bare_zero(text: Any) -> bool:
 
 
 def _joint_quantity(text: object) -> JointQuantity:
-    """The angle or the length that a text states.
-
-    Raises:
-        BadValueError: neither, with the message of an angle; or a magnitude that is not plausible.
-    """
     if isinstance(text, JointQuantity):
         return text
     if is_bare_zero(text):
@@ -312,7 +273,6 @@ def joint_text(value: float, unit: str) -> str:
 
     Args:
         value: [rad] or [m].
-        unit: ``rad`` or ``m``.
 
     Example:
         >>> joint_text(0.5, "rad"), joint_text(0.0521, "m")
@@ -321,6 +281,7 @@ def joint_text(value: float, unit: str) -> str:
     return f"{math.degrees(value):.4g} deg" if unit == "rad" else f"{value * 1e3:.4g} mm"
 
 
+# The value of a joint: an angle of a revolute one, a length of a prismatic one.
 JointValue = Annotated[
     JointQuantity,
     PlainValidator(_joint_quantity),
@@ -333,15 +294,10 @@ JointValue = Annotated[
         }
     ),
 ]
-"""The value of a joint: an angle of a revolute one, a length of a prismatic one."""
 
 
 def parse_celsius(value: object) -> float:
-    """The temperature [degC] of a text such as ``"23.5 degC"``.
-
-    Raises:
-        BadValueError: no number, no unit or another one, or a magnitude that is not plausible.
-    """
+    """The temperature [degC] of a text such as ``"23.5 degC"``."""
     match = _NUMBER.match(value) if isinstance(value, str) else None
     if match is None or match[2] not in ("degC", "°C") or not abs(float(match[1])) <= LARGEST["temperature"]:
         raise BadValueError(f"{as_given(value)} is no temperature", "write for example 23.5 degC")
@@ -351,11 +307,7 @@ def parse_celsius(value: object) -> float:
 def number(value: float, digits: int = 3, beside: float = 0.0) -> str:
     """``value`` with ``digits`` significant digits or more, six decimals at most, and no exponent: 0.0123, 1.23, 1234.
 
-    Args:
-        value: any number; NaN and infinity become ``UNKNOWN``.
-        digits: significant digits of a number below 10^digits.
-        beside: a larger number next to it, which limits the decimals: two more than that one has. 0.000003 next to
-            0.0690, and not 0.00000333; what is less is 0.
+    A larger number ``beside`` it limits the decimals to two more than that one has; what is less is 0.
 
     Example:
         >>> number(0.012345), number(1234.5), number(3.33e-6, beside=0.069), number(1.28e-13)
@@ -363,13 +315,12 @@ def number(value: float, digits: int = 3, beside: float = 0.0) -> str:
     """
     if not math.isfinite(value):
         return UNKNOWN
-    most = min(_significant_decimals(beside, digits) + _EXTRA_DECIMALS, _MAX_DECIMALS) if beside else _MAX_DECIMALS
+    most = min(_significant_decimals(beside, digits) + 2, _MAX_DECIMALS) if beside else _MAX_DECIMALS
     text = f"{value:.{min(_significant_decimals(value, digits), most)}f}"
     return text if float(text) else "0"
 
 
 def _significant_decimals(value: float, digits: int) -> int:
-    """How many decimals a number of so many significant digits has; none of zero."""
     if value == 0 or not math.isfinite(value):
         return 0
     rounded = float(f"{value:.{digits - 1}e}")  # 9.996 has one digit more before the point once it is rounded
@@ -392,38 +343,32 @@ def fixed(value: float, decimals: int = 2) -> str:
 def plus_minus(value: float, std: float, factor: float = 1.0, unit: str = "") -> str:
     """A number times ``factor`` with its standard error to two digits.
 
-    Args:
-        value, std: in one unit; a standard error that is not known, or zero, is left out, and one below the last of
-            six decimals rounded up to it.
-        factor: from that unit to the one that is written.
-        unit: behind the number.
-
     Example:
         >>> plus_minus(2.61e-4, 1.2e-5, 1e3, "mrad")
         '0.261 ± 0.012 mrad'
     """
     value, std = value * factor, std * factor
-    gap = " " if unit else ""
     if not math.isfinite(std) or std <= 0:
-        return f"{number(value)}{gap}{unit}"
+        return f"{number(value)} {unit}".strip()
     decimals = min(max(0, 1 - math.floor(math.log10(std))), _MAX_DECIMALS)
     error = fixed(max(std, 10.0**-decimals), decimals)
-    return f"{fixed(value, decimals)} ± {error}{gap}{unit}"
+    return f"{fixed(value, decimals)} ± {error} {unit}".strip()
 
 
 def shown(value: float, dimension: str, std: float = math.nan) -> str:
     """A small quantity of a dimension in the unit that reports use.
 
     Args:
-        value, std: [SI]; lengths below 10 µm are written in µm, others in mm.
-        dimension: ``length`` or a key of ``SHOWN``.
+        value, std: [SI]; lengths below 10 µm are written in µm, others in mm; times below 1 s in ms, others in min.
 
     Example:
         >>> shown(8e-6, "angle per torque"), shown(2.61e-4, "angle", 1.2e-5)
         ('8.00 µrad/(N m)', '0.261 ± 0.012 mrad')
     """
     if dimension == "length":
-        return plus_minus(value, std, *((1e6, "µm") if abs(value) < _MICROMETRES_BELOW_M else (1e3, "mm")))
+        return plus_minus(value, std, *((1e6, "µm") if abs(value) < 1e-5 else (1e3, "mm")))
+    if dimension == "time" and abs(value) < 1.0:
+        return plus_minus(value, std, 1e3, "ms")
     return plus_minus(value, std, *SHOWN[dimension])
 
 

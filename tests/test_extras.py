@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.report.page.library import plotly_js
+from posture_opt.report.page.page import plotly_js
 from posture_opt.robot.meshes import read_mesh
 from tests.helpers.fresh import ROOT
 

@@ -48,7 +48,8 @@ LAZY = {
     "posture_opt.__main__": "all of the command line, so that an interrupt finds somebody who answers it",
     "posture_opt.cli.main": "a command, when it is called",
     "posture_opt.cli.deferred": "what a command needs, when it runs",
-    "posture_opt.cli.asked.named_values": "the entry points of tasks, when a word is completed",
+    "posture_opt.cli.request": "how measurements are read, when there are some",
+    "posture_opt.cli.completion": "the entry points of tasks, when a word is completed",
     "posture_opt.cli.output": "the names of a report's files, when there are some to be written",
     "posture_opt.export": "a format, when its name is not enough",
     "posture_opt.measurements.board_detection": "OpenCV, when pictures are searched",
@@ -57,15 +58,13 @@ LAZY = {
     "posture_opt.selection.tasks": "a task, when its kind is asked for",
     "posture_opt.selection.registered_tasks": "what other packages register",
     "posture_opt.selection.select_posture": "what several targets need, when there are several",
-    "posture_opt.workers.chosen_workers": "executors and processes, when they are asked for",
+    "posture_opt.workers": "executors and processes, when they are asked for",
     "posture_opt.workers.dask_cluster": "Dask, when it is asked for",
-    "posture_opt.cli.explore": "the live page, when it is asked for",
-    "posture_opt.explore.gate": "the server that viser runs on, when a page is served",
+    "posture_opt.cli.posture": "the live page, and a browser, when it is asked for",
     "posture_opt.explore.server": "viser, when a page is served",
-    "posture_opt.report.page.library": "plotly, when a page is to have a view",
-    "posture_opt.report.page.new_figure": "matplotlib, when a figure is drawn",
+    "posture_opt.report.page.page": "plotly, when a page is to have a view",
     "posture_opt.report.page.presenter": "pandas, when a table is asked for",
-    "posture_opt.report.results.drawing_files": "figures and views of one posture, when they are drawn",
+    "posture_opt.report.results": "figures and views of one posture, when they are drawn",
 }
 """The files that import by name, and what for."""
 
@@ -339,7 +338,7 @@ def test_a_report_as_text_loads_nothing_that_draws() -> None:
         "import posture_opt as po; from posture_opt.problem.load import builtin_problem;"
         "found = po.select_posture(builtin_problem('insert')); found.report(), found.summary()"
     )
-    drawing = tuple(f"posture_opt.report.{folder}" for folder in ("scene", "figures", "interactive"))
+    drawing = tuple(f"posture_opt.report.{folder}" for folder in ("scene", "figures"))
     assert loaded_by(code, ("matplotlib", "plotly", "pandas", "jinja2", *drawing)) == []
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from posture_opt.interrupts import interruptible
-from posture_opt.selection.program.nonlinear_solver import NonlinearSolver
+from posture_opt.selection.program.nlp import NonlinearSolver
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
 

@@ -10,8 +10,8 @@ import yaml
 
 import posture_opt as po
 from posture_opt import limits
+from posture_opt.files import problems_folder
 from posture_opt.limits import LIMITS, Budget
-from posture_opt.problem.load import problems_folder
 
 PLANAR: dict[str, Any] = yaml.safe_load((problems_folder() / "insert_planar_2r.yaml").read_text("utf-8"))
 MEASURED = "insert_planar_2r_measured"
@@ -81,11 +81,12 @@ def pixels(count: int) -> None:
 
 
 def board_points(count: int) -> None:
-    from pathlib import Path
+    from posture_opt.measurements.board_detection import Board
 
-    from posture_opt.cli.asked.pictures import detected
-
-    detected([Path("0.png")], f"grid:2x{count}:25mm", None, "left", "board", "5X5_1000")
+    try:
+        Board.of(f"grid:2x{count}:25mm", "5X5_1000")
+    except po.errors.BadValueError as error:
+        raise po.errors.InputError(error.issue(("--board",))) from None
 
 
 def rows_of(count: int) -> Any:

@@ -15,10 +15,8 @@ from pathlib import Path
 import pytest
 
 import posture_opt as po
-from posture_opt import output, staging
-from posture_opt.manifest import MANIFEST
-from posture_opt.output import writable_folder, write_file, write_folder
-from posture_opt.staging import PREFIX
+from posture_opt import output
+from posture_opt.output import MANIFEST, PREFIX, writable_folder, write_file, write_folder
 from tests.helpers.folders import names
 
 ROOT = Path(__file__).parents[1]
@@ -166,7 +164,7 @@ def enter(out: Path) -> None:
 
 @posix
 def test_what_the_living_prepare_is_left_alone(tmp_path: Path) -> None:
-    with staging.staging(tmp_path) as mine:
+    with output.staging(tmp_path) as mine:
         (tmp_path / f"{PREFIX}dead").mkdir()
         write_folder(tmp_path / "out", {"a": b""})
         assert mine.is_dir()

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.csv_text import csv_line, unguarded
+from posture_opt.texts import csv_line, unguarded
 from posture_opt.uncertainty.sources.covariance_file import covariance_text, read_covariance
 from tests.helpers.command_line import invoke
 

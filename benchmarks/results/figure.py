@@ -7,8 +7,7 @@ from typing import Any
 
 from benchmarks.results.section import Chart, Section
 from posture_opt.report.page.colours import BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILLION
-from posture_opt.report.page.new_figure import new_figure
-from posture_opt.report.page.style import legend_below, styled
+from posture_opt.report.page.style import legend, new_figure, styled
 
 COLOURS = (BLUE, ORANGE, GREEN, PURPLE, VERMILLION)
 MARKERS = ("o", "s", "^", "D", "v")
@@ -23,7 +22,7 @@ def drawn(section: Section, chart: Chart) -> Any:
     axes = figure.add_subplot()
     (_bars if words else _lines)(axes, section, chart)
     if len(chart.numbers) > 1:
-        legend_below(figure)
+        legend(figure)
     return figure
 
 

@@ -6,7 +6,7 @@ from effect_uses import USES
 
 from posture_opt.errors import enumerated
 from posture_opt.model.effects import CATALOGUE
-from posture_opt.model.effects.base.catalogue_entry import INPUTS, CatalogueEntry
+from posture_opt.model.effects.base.cause import INPUTS, CatalogueEntry
 
 FORMULAS = {  # kind -> formula, and what its own symbols are
     "joint_scale": (r"\Delta q = c\,q", "c: the relative error of the gear ratio or of the encoder's counts"),

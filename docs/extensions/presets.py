@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import yaml
 
-from posture_opt.robot.preset import preset_names, preset_text
+from posture_opt.files import preset_names
+from posture_opt.robot.preset import preset_text
 
 
 def presets_table() -> str:

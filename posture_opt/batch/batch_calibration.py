@@ -24,7 +24,7 @@ from posture_opt.calibration.estimation.parameters import Parameter
 from posture_opt.errors import InputError, InsufficientDataError, Issue
 from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements
-from posture_opt.measurements.thinning import thin_each_robot
+from posture_opt.measurements.repeats import thin_each_robot
 from posture_opt.numerics import Array, Codes, Json, Mask, Progress
 from posture_opt.result import Result
 from posture_opt.selection.problem_data import ProblemData
@@ -35,7 +35,6 @@ from posture_opt.validation.coverage import REGION_PROBABILITY, share_interval, 
 from posture_opt.validation.spread_check import held_out_predictions
 
 _ROBOTS_FOR_CORRELATIONS = 10  # robots: with fewer, a correlation is hardly determined
-_MAX_NAMED = 4  # parameters in a sentence
 MIN_ROBOTS = 3  # robots: with two, a standard deviation is known to within a factor of thirty
 
 
@@ -144,10 +143,6 @@ class Batch(Result):
         return {"thinned": {"rows": self.total, "rows_used": used}} if self.total > used else {}
 
     def _parameter(self, p: Parameter, k: int | None) -> dict[str, Json]:
-        """One parameter of the type: its mean over the robots and the standard error of that mean.
-
-        ``k`` is its place among those that all robots determine; with ``None`` the nominal value is reported.
-        """
         known = k is not None
         mean, std = (float(self.spread.mean[k]), float(self.spread.mean_std[k])) if k is not None else (0.0, None)
         return {
@@ -156,7 +151,6 @@ class Batch(Result):
         }  # fmt: skip
 
     def _robot(self, k: int) -> dict[str, Json]:
-        """The entry of one robot under ``batch.robots``: its rows, errors, deviations from nominal and outliers."""
         found = self.calibrations[k]
         return {
             "robot": self.robots[k],
@@ -168,7 +162,6 @@ class Batch(Result):
 
 
 def _answer(found: Batch) -> Statement:
-    """The strongest significant correlation with its interval, or that there is none."""
     robots, first = len(found.robots), next((pair for pair in found.pairs if pair.significant), None)
     if first is None:
         return state("batch.uncorrelated", robots=robots)
@@ -201,9 +194,8 @@ def batch_findings(found: Batch) -> Iterator[Statement]:
 
 
 def _first(names: Sequence[str]) -> list[str]:
-    """The first of many names."""
-    more = len(names) - _MAX_NAMED
-    return [*names[:_MAX_NAMED], f"{more} more"] if more > 1 else [*names]
+    more = len(names) - 4
+    return [*names[:4], f"{more} more"] if more > 1 else [*names]
 
 
 @interruptible()
@@ -249,7 +241,13 @@ def calibrate_batch(
     _check_batch(problem, data)
     total, data = len(data), thin_each_robot(data, most_rows)
     rows = tuple(np.flatnonzero(data.robot == code) for code in range(len(data.robot_names)))
-    calibrations = tuple(_calibrate_each(_without_geometry(problem), data, rows, folds, by, progress))
+    bare, found = _without_geometry(problem), list[Calibration]()
+    for mine, name in zip(rows, data.robot_names, strict=True):
+        own = replace(data.take(mine), robot=np.zeros(len(mine), dtype=np.intp), robot_names=(name,))
+        found.append(_calibrate_one(bare, own, folds, by))
+        if progress is not None:
+            progress(len(found), len(rows))
+    calibrations = tuple(found)
     parameters, undetermined = _determined_by_all(calibrations)
     index = {p.name: i for i, p in enumerate(calibrations[0].parameters)}
     columns = [index[p.name] for p in parameters]
@@ -257,6 +255,8 @@ def calibrate_batch(
     errors = np.array([c.covariance[np.ix_(columns, columns)] for c in calibrations])
     spread = covariance_between_robots(estimates, errors)
     robots = np.repeat(np.arange(len(rows)), [len(c.kept_rows) for c in calibrations])
+    thinned = f"{len(data)} of {total} rows were fitted, as many of each robot: --rows takes more"
+    notes = [*[thinned] * (len(data) < total), *(note for c in calibrations for note in c.notes)]
     return Batch(
         problem=problem,
         data=data,
@@ -272,16 +272,9 @@ def calibrate_batch(
         nominal=Statistics.of(_kept_errors(calibrations, [c.errors_nominal for c in calibrations]), robots),
         calibrated=Statistics.of(_kept_errors(calibrations, [c.errors for c in calibrations]), robots),
         coverage=_batch_coverage(problem, calibrations, folds),
-        notes=tuple(
-            dict.fromkeys((*_thinning_notes(total, len(data)), *(note for c in calibrations for note in c.notes)))
-        ),
+        notes=tuple(dict.fromkeys(notes)),
         total=total,
     )
-
-
-def _thinning_notes(total: int, used: int) -> tuple[str, ...]:
-    """What is said of a file of which not all rows are used."""
-    return (f"{used} of {total} rows were fitted, as many of each robot: --rows takes more",) * (used < total)
 
 
 def _kept_errors(calibrations: tuple[Calibration, ...], errors: list[Array]) -> Array:
@@ -290,12 +283,6 @@ def _kept_errors(calibrations: tuple[Calibration, ...], errors: list[Array]) -> 
 
 
 def _check_batch(problem: ProblemData, data: Measurements) -> None:
-    """Refuses data that cannot say how a type varies.
-
-    Raises:
-        InputError: one robot only.
-        InsufficientDataError: fewer than `MIN_ROBOTS`, or touched points without a known distance.
-    """
     names = data.robot_names
     if len(names) < 2:
         hint = "measure several robots of the type and name them in a column 'robot'"
@@ -313,32 +300,8 @@ def _check_batch(problem: ProblemData, data: Measurements) -> None:
         )
 
 
-def _calibrate_each(
-    problem: ProblemData,
-    data: Measurements,
-    rows: Sequence[Codes],
-    folds: int,
-    by: By | None,
-    progress: Progress | None,
-) -> Iterator[Calibration]:
-    """The calibration of every robot by itself, in the order of their names; each step of the progress is one robot."""
-    for code, mine in enumerate(rows):
-        yield _calibrate_one(problem, data, mine, code, folds, by)
-        if progress is not None:
-            progress(code + 1, len(rows))
-
-
-def _calibrate_one(
-    problem: ProblemData, data: Measurements, rows: Codes, code: int, folds: int, by: By | None
-) -> Calibration:
-    """The calibration of one robot; errors name it.
-
-    Raises:
-        InputError, InsufficientDataError: as `calibrate`, with the name of the robot in front.
-    """
-    name = data.robot_names[code]
-    mine = data.take(rows)
-    own = replace(mine, robot=np.zeros(len(rows), dtype=np.intp), robot_names=(name,))
+def _calibrate_one(problem: ProblemData, own: Measurements, folds: int, by: By | None) -> Calibration:
+    (name,) = own.robot_names
     try:
         return calibrate(problem, own, folds=folds, by=by)
     except InsufficientDataError as error:
@@ -348,10 +311,8 @@ def _calibrate_one(
 
 
 def _without_geometry(problem: ProblemData) -> ProblemData:
-    """The problem without σ's of geometry, which would pull every robot to the nominal one.
-
-    σ's of frames that are not free stay knowledge, and so does all scatter.
-    """
+    """The problem without σ's of geometry, which would pull every robot to the nominal one."""
+    # σ's of frames that are not free stay knowledge, and so does all scatter
     sources = problem.sources
     frame = np.array([name.rpartition(".")[0] in ("base", "tool") for name in sources.names], dtype=bool)
     constant = np.where(np.outer(frame, frame), sources.constant, 0.0)
@@ -360,11 +321,6 @@ def _without_geometry(problem: ProblemData) -> ProblemData:
 
 
 def _determined_by_all(calibrations: tuple[Calibration, ...]) -> tuple[tuple[Parameter, ...], tuple[str, ...]]:
-    """Geometric parameters that all robots' data determine, and the names of the others.
-
-    Raises:
-        InsufficientDataError: there is none.
-    """
     fixed = np.all([c.fixed & (np.diag(c.covariance) > 0) for c in calibrations], axis=0)
     geometry = [(p, bool(known)) for p, known in zip(calibrations[0].parameters, fixed, strict=True)]
     determined = tuple(p for p, known in geometry if known and p.group == "geometry")
@@ -379,10 +335,6 @@ def _determined_by_all(calibrations: tuple[Calibration, ...]) -> tuple[tuple[Par
 def _batch_coverage(
     problem: ProblemData, calibrations: tuple[Calibration, ...], folds: int
 ) -> dict[str, tuple[float, tuple[float, float]]]:
-    """By model, the share of all rows inside their predicted 95 % regions, with its 95 % interval.
-
-    Rows of one robot are correlated, so the interval is that of as many robots as there are.
-    """
     inside: dict[str, list[Mask]] = {}
     for calibration in calibrations:
         for name, (errors, predicted, _) in held_out_predictions(problem, calibration, folds).items():

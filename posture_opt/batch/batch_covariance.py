@@ -1,9 +1,8 @@
-"""The covariance of parameters across a batch, from estimates that have errors of their own.
+"""The covariance of parameters across a batch, from estimates that have errors of their own."""
 
-A random-effects model: robot r has the true deviations ``b_r ~ N(μ, Ω)`` and its calibration returns
-``x_r = b_r + e_r`` with ``e_r ~ N(0, S_r)``. The spread of the estimates is ``Ω + S_r``; only Ω says how robots of the
-type differ. Few robots determine it: with R of them a standard deviation has a relative error of about ``1/√(2R)``.
-"""
+# A random-effects model: robot r has the true deviations ``b_r ~ N(μ, Ω)`` and its calibration returns ``x_r = b_r +
+# e_r`` with ``e_r ~ N(0, S_r)``. The spread of the estimates is ``Ω + S_r``; only Ω says how robots of the type
+# differ. Few robots determine it: with R of them a standard deviation has a relative error of about ``1/√(2R)``.
 
 from __future__ import annotations
 
@@ -20,7 +19,6 @@ from posture_opt.uncertainty.regions.regions import NORMAL95
 from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.validation.model_errors import holm_rejections
 
-_MAX_EM_STEPS = 1000  # of EM; a batch that varies less than its members are known to needs the most
 _COVARIANCE_TOLERANCE = 1e-6  # of a scaled covariance
 
 
@@ -30,21 +28,15 @@ class BatchCovariance:
 
     Units are mixed: [rad] for angles, [m] for lengths, products of the two in the covariance. All k parameters are in
     the order of the calibration that they came from.
-
-    Args:
-        mean, mean_std: (k,) of the batch, with standard errors [rad, m].
-        covariance: (k, k) between robots, positive semidefinite.
-        interval: (k, 2) 95 % intervals of the standard deviations.
-        correlation_interval: (k, k, 2) of the correlations.
-        p_correlation: (k, k) probability of a correlation so large, were the true one zero.
     """
 
+    # mean, mean_std: (k,) of the batch, with standard errors [rad, m]
     mean: Array
     mean_std: Array
-    covariance: Array
-    interval: Array
-    correlation_interval: Array
-    p_correlation: Array
+    covariance: Array  # (k, k) between robots, positive semidefinite
+    interval: Array  # (k, 2) 95 % intervals of the standard deviations
+    correlation_interval: Array  # (k, k, 2) of the correlations
+    p_correlation: Array  # (k, k) probability of a correlation so large, were the true one zero
 
     @property
     def sigma(self) -> Array:
@@ -58,10 +50,7 @@ class BatchCovariance:
 
 
 def correlation_matrix(covariance: Array) -> Array:
-    """Correlations (k, k) of a covariance (k, k): ``C_ij / (σ_i σ_j)``, clipped to [−1, 1].
-
-    A parameter whose variance is zero has the correlation 0 with every other and 1 with itself.
-    """
+    """Correlations (k, k) of a covariance (k, k): ``C_ij / (σ_i σ_j)``, clipped to [−1, 1]."""
     sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     size = np.outer(sigma, sigma)
     found = np.divide(covariance, size, out=np.zeros_like(covariance), where=size > 0)
@@ -70,25 +59,17 @@ def correlation_matrix(covariance: Array) -> Array:
 
 
 def covariance_between_robots(estimates: Array, errors: Array) -> BatchCovariance:
-    """Covariance Ω between robots from estimates ``x_r ~ N(μ, Ω + S_r)``.
-
-    Each round of EM takes the expectation of the true deviations b_r of every robot and re-estimates Ω from them:
-    ``Ω ← mean_r(û_r û_rᵀ + Ω − Ω P_r Ω)`` with ``û_r = Ω W_r (x_r − μ)``, ``W_r = (Ω + S_r)⁻¹`` and P_r the projection
-    that takes the estimate of μ off. Columns are scaled to unit size first, so that rad and m weigh the same.
-
-    Ω maximises the restricted likelihood, by expectation and maximisation (Dempster, Laird, Rubin 1977; Laird, Ware
-    1982), so that it stays positive semidefinite: the sample covariance less the mean of S_r need not be. Intervals of
-    standard deviations are those of the profile likelihood of one parameter at a time (Hardy, Thompson 1996); those of
-    correlations lie at ``tanh(artanh ρ ± 1.96 s)``, s from the information matrix and ``1 / √(R − 3)`` where the
-    estimates have no errors (Fisher 1921).
-
-    Args:
-        estimates: (R, k) of R robots [rad, m].
-        errors: (R, k, k) covariances S_r of the estimates.
-
-    Returns:
-        Mean, covariance and intervals in the units of the estimates.
-    """
+    """Covariance Ω between robots from estimates ``x_r ~ N(μ, Ω + S_r)``."""
+    # Each round of EM takes the expectation of the true deviations b_r of every robot and re-estimates Ω from them:
+    # ``Ω ← mean_r(û_r û_rᵀ + Ω − Ω P_r Ω)`` with ``û_r = Ω W_r (x_r − μ)``, ``W_r = (Ω + S_r)⁻¹`` and P_r the
+    # projection that takes the estimate of μ off. Columns are scaled to unit size first, so that rad and m weigh the
+    # same.
+    # Ω maximises the restricted likelihood, by expectation and maximisation (Dempster, Laird, Rubin 1977; Laird, Ware
+    # 1982), so that it stays positive semidefinite: the sample covariance less the mean of S_r need not be. Intervals
+    # of standard deviations are those of the profile likelihood of one parameter at a time (Hardy, Thompson 1996);
+    # those of correlations lie at ``tanh(artanh ρ ± 1.96 s)``, s from the information matrix and ``1 / √(R − 3)``
+    # where the estimates have no errors (Fisher 1921).
+    # estimates: (R, k) of R robots [rad, m]; errors: (R, k, k) covariances S_r of the estimates
     scale = np.maximum(estimates.std(axis=0, ddof=1), np.sqrt(np.diagonal(errors, axis1=1, axis2=2).mean(axis=0)))
     scale = np.where(scale > 0, scale, 1.0)
     x, S = estimates / scale, errors / np.outer(scale, scale)
@@ -107,13 +88,10 @@ def covariance_between_robots(estimates: Array, errors: Array) -> BatchCovarianc
 
 
 def _restricted_maximum(x: Array, S: Array) -> tuple[Array, Array, Array]:
-    """Ω (k, k) of greatest restricted likelihood, the mean μ (k,), and the covariance (k, k) of μ.
-
-    Args:
-        x: (R, k) estimates; S: (R, k, k) their covariances, both in scaled units.
-    """
+    """Ω (k, k) of greatest restricted likelihood, the mean μ (k,), and the covariance (k, k) of μ."""
+    # x: (R, k) estimates; S: (R, k, k) their covariances, both in scaled units
     omega = np.atleast_2d(np.cov(x, rowvar=False)) + 1e-6 * np.eye(x.shape[1])
-    for _ in range(_MAX_EM_STEPS):
+    for _ in range(1000):  # a batch that varies less than its members are known to needs the most
         W = np.linalg.inv(omega + S)
         mean_covariance = np.linalg.inv(W.sum(axis=0))
         mean = mean_covariance @ np.einsum("rij,rj->i", W, x)
@@ -128,15 +106,10 @@ def _restricted_maximum(x: Array, S: Array) -> tuple[Array, Array, Array]:
 
 
 def deviation_interval(x: Array, variances: Array) -> tuple[float, float]:
-    """The 95 % interval of the standard deviation of true values behind estimates x (R,) with error variances (R,).
-
-    The ends are where twice the restricted profile log-likelihood falls by 3.84, the 95 % quantile of χ² with one
-    degree of freedom (Hardy, Thompson 1996). The lower end is 0 where no variation at all is that likely; the upper one
-    is infinite where the likelihood does not fall far enough on that side.
-
-    Returns:
-        Lower and upper end, in the unit of ``x``.
-    """
+    """The 95 % interval of the standard deviation of true values behind estimates x (R,) with error variances (R,)."""
+    # The ends are where twice the restricted profile log-likelihood falls by 3.84, the 95 % quantile of χ² with one
+    # degree of freedom (Hardy, Thompson 1996). The lower end is 0 where no variation at all is that likely; the upper
+    # one is infinite where the likelihood does not fall far enough on that side.
     from scipy.optimize import brentq, minimize_scalar
 
     def fall(log_sigma: float) -> float:
@@ -159,10 +132,7 @@ def deviation_interval(x: Array, variances: Array) -> tuple[float, float]:
 
 
 def _restricted_likelihood(variance: float, x: Array, variances: Array) -> float:
-    """Restricted log-likelihood of a variance between robots, up to a constant: the mean is integrated out.
-
-    ``−½ (Σ ln V_r + ln Σ 1/V_r + Σ (x_r − μ̂)² / V_r)``, ``V_r = variance + variances_r``.
-    """
+    # ``−½ (Σ ln V_r + ln Σ 1/V_r + Σ (x_r − μ̂)² / V_r)``, ``V_r = variance + variances_r``
     V = np.maximum(variance + variances, 1e-300)
     weight = float(np.sum(1 / V))
     mean = float(np.sum(x / V)) / weight
@@ -187,14 +157,9 @@ def _correlation_intervals(omega: Array, S: Array) -> tuple[Array, Array]:
 
 
 def _pair_correlation(omega: Array, S: Array) -> tuple[float, float]:
-    """A correlation and the standard error of its artanh, by the expected information of the three (co)variances.
-
-    Three covariances need four robots: with fewer the standard error is infinite. The factor ``√(R / (R − 3))`` makes
-    the result Fisher's ``1/√(R − 3)`` where the estimates have no errors.
-
-    Args:
-        omega: (2, 2) covariance between robots; S: (R, 2, 2) of the estimates' errors.
-    """
+    # Three covariances need four robots: with fewer the standard error is infinite. The factor ``√(R / (R − 3))``
+    # makes the result Fisher's ``1/√(R − 3)`` where the estimates have no errors.
+    # omega: (2, 2) covariance between robots; S: (R, 2, 2) of the estimates' errors
     R = len(S)
     least = 1e-9 * max(float(np.trace(omega)), 1e-300)
     a, b, c = max(omega[0, 0], least), max(omega[1, 1], least), omega[0, 1]
@@ -213,25 +178,18 @@ def _pair_correlation(omega: Array, S: Array) -> tuple[float, float]:
 
 @dataclass(frozen=True, eq=False)
 class CorrelatedPair:
-    """Two parameters that vary together, or may: the correlation, its 95 % interval, the stated one.
+    """Two parameters that vary together, or may: the correlation, its 95 % interval, the stated one."""
 
-    Args:
-        a, b: names of the parameters, ``JOINT.PARAMETER``.
-        interval: of the correlation; ``p_value`` two-sided, were the true one zero.
-        stated: the correlation that the problem file states; 0 where it states none.
-        significant: whether the correlation is kept by Holm's rule over all pairs, at 5 %.
-    """
-
+    # a, b: names of the parameters, ``JOINT.PARAMETER``
     a: str
     b: str
     correlation: float
-    interval: tuple[float, float]
-    p_value: float
-    stated: float
-    significant: bool
+    interval: tuple[float, float]  # of the correlation
+    p_value: float  # two-sided, were the true one zero
+    stated: float  # the correlation that the problem file states; 0 where it states none
+    significant: bool  # whether the correlation is kept by Holm's rule over all pairs, at 5 %
 
     def to_json(self) -> dict[str, Json]:
-        """Plain numbers."""
         return {
             "parameters": [self.a, self.b], "correlation": self.correlation, "interval95": list(self.interval),
             "p_value": self.p_value, "stated": self.stated, "significant": self.significant,
@@ -241,12 +199,9 @@ class CorrelatedPair:
 def pairs_of(
     parameters: Sequence[Parameter], spread: BatchCovariance, problem: ProblemData
 ) -> tuple[CorrelatedPair, ...]:
-    """Every pair of parameters, the most certain first; which are significant, by Holm's (1979) rule over all of them.
-
-    Args:
-        parameters: (k,) in the order of ``spread``.
-        problem: whose ``sources`` state correlations that each pair is compared with.
-    """
+    """Every pair of parameters, the most certain first."""
+    # Which are significant, by Holm's (1979) rule over all of them
+    # parameters: (k,) in the order of ``spread``
     names = [p.name for p in parameters]
     stated = {frozenset(pair): rho for pair, rho in stated_correlations(problem.sources).items()}
     k = len(names)
@@ -263,10 +218,7 @@ def pairs_of(
 
 
 def stated_sigmas(parameters: Sequence[Parameter], problem: ProblemData) -> Array:
-    """Standard deviations (k,) [rad or m] that the problem file states of parameters; 0 where it states nothing.
-
-    Only what stays from repeat to repeat counts: scatter of the joints says nothing of how robots differ.
-    """
+    """Standard deviations (k,) [rad or m] that the problem file states of parameters; 0 where it states nothing."""
     sources = problem.sources
     place = {name: i for i, name in enumerate(sources.names)}
     variances = np.diag(sources.constant)

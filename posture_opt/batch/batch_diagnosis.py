@@ -1,8 +1,4 @@
-"""Diagnosis of several robots of one type: lengths that vary together from robot to robot, and which joint is noisy.
-
-One robot has one length error for each link: whether errors of two links are correlated shows over many robots only.
-Noise of a joint is common to the type too; the residuals of all robots together show a smaller one than any alone.
-"""
+"""Diagnosis of several robots of one type: lengths that vary together from robot to robot, and which joint is noisy."""
 
 from __future__ import annotations
 
@@ -14,11 +10,11 @@ from posture_opt.batch.batch_covariance import CorrelatedPair
 from posture_opt.calibration.estimation.error_statistics import By
 from posture_opt.diagnosis.causes.causes import Finding, noise_finding
 from posture_opt.diagnosis.diagnosis import Outcome
+from posture_opt.diagnosis.diagnosis_statements import uneven_statements
 from posture_opt.diagnosis.noise.noise_causes import noise_samples
 from posture_opt.diagnosis.noise.uneven_noise import NoiseCause, NoiseSample, UnevenErrors, find_uneven_noise
-from posture_opt.diagnosis.open_statements import uneven_statements
 from posture_opt.diagnosis.scores import levels
-from posture_opt.diagnosis.search.linearised_data import linearise_calibration
+from posture_opt.diagnosis.scores.candidates import linearise_calibration
 from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.effects import CorrelatedLengths
@@ -133,24 +129,18 @@ def diagnose_batch(
 
 
 def _correlation_finding(pair: CorrelatedPair) -> Finding:
-    """A correlated pair of lengths as a finding: the correlation, and its error from the 95 % interval.
-
-    ``3.92`` is twice the 97.5 % quantile of a Gaussian.
-    """
     effect = CorrelatedLengths(lengths=(pair.a, pair.b), rho=pair.correlation)
     size = {"correlation": (pair.correlation, (pair.interval[1] - pair.interval[0]) / 3.92, "1")}
     return Finding(effect, size, pair.p_value, 0.0)
 
 
 def _as_stated(stated: float, interval: tuple[float, float]) -> bool:
-    """Whether the correlation that the file states lies in the 95 % interval of the estimated one."""
     return stated != 0 and interval[0] <= stated <= interval[1]
 
 
 def _batch_noise(
     problem: ProblemData, batch: Batch, seed: int
 ) -> tuple[list[NoiseCause], list[UnevenErrors]]:  # fmt: skip
-    """Uneven noise in the residuals of all robots: what is named, and errors that only look like noise."""
     samples = []
     for calibration in batch.calibrations:
         linearised = linearise_calibration(calibration, 0, seed)

@@ -10,29 +10,29 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from posture_opt import evaluation_of
 from posture_opt.calibration.assumptions.frames import far_frames
 from posture_opt.calibration.calibration_statements import CORRELATION_SHOWN, statements_of
 from posture_opt.calibration.cross_validation import HeldOut
-from posture_opt.calibration.estimation.effects_fit import fit_with_effects
+from posture_opt.calibration.doubts import OtherPreset, other_preset
 from posture_opt.calibration.estimation.error_statistics import By, Statistics
-from posture_opt.calibration.estimation.fit import Fit
+from posture_opt.calibration.estimation.fit import Fit, fit_with_effects
 from posture_opt.calibration.estimation.fit_request import FitRequest
-from posture_opt.calibration.estimation.identifiability import (
-    ANGLE_TOLERANCE_RAD,
-    LENGTH_TOLERANCE_M,
-    Identifiability,
-)
+from posture_opt.calibration.estimation.identifiability import ANGLE_TOLERANCE_RAD, LENGTH_TOLERANCE_M, Identifiability
 from posture_opt.calibration.estimation.parameters import Parameter
 from posture_opt.calibration.estimation.residuals import Residuals
-from posture_opt.calibration.instrument_scatter import InstrumentScatter, instrument_scatter
-from posture_opt.calibration.instruments import Instrument, instruments_of
-from posture_opt.calibration.other_preset import OtherPreset, other_preset
+from posture_opt.calibration.instruments import (
+    LEAST_PROBABILITY,
+    Instrument,
+    InstrumentScatter,
+    instrument_scatter,
+    instruments_of,
+    probability_of_gain,
+)
 from posture_opt.calibration.second_file import OtherFile
 from posture_opt.calibration.start_up import StartUp, start_up
-from posture_opt.calibration.sure_gain import LEAST_PROBABILITY, probability_of_gain
 from posture_opt.measurements.measurements import Measurements
-from posture_opt.numerics import Array, Codes, Json, Mask
-from posture_opt.registration import registered
+from posture_opt.numerics import Array, Codes, Json, Mask, finite_or_none
 from posture_opt.result import Result
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.statements import Statement
@@ -41,10 +41,8 @@ if TYPE_CHECKING:
     from posture_opt.calibration.assumptions.contradictions import Contradiction
     from posture_opt.calibration.data_checks import Disagreement
     from posture_opt.calibration.doubts import Doubt
-    from posture_opt.calibration.large_file import LargeFile
+    from posture_opt.calibration.second_file import LargeFile
     from posture_opt.model.effects import Effect
-
-_MAX_DEVIATION_RATIO = 5.0  # times its tolerance, or its standard error
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -100,13 +98,13 @@ class Calibration(Result):
     @property
     def implausible(self) -> dict[str, tuple[float, float, str]]:
         """Geometry farther from nominal than parts ever are, with certainty: (deviation, standard error, SI unit)."""
-        far = {"m": _MAX_DEVIATION_RATIO * LENGTH_TOLERANCE_M, "rad": _MAX_DEVIATION_RATIO * ANGLE_TOLERANCE_RAD}
+        far = {"m": 5 * LENGTH_TOLERANCE_M, "rad": 5 * ANGLE_TOLERANCE_RAD}  # and five standard errors
         own = np.where(self.assumed, nan, self.prior).tolist()
         rows = zip(self.parameters, self.x.tolist(), self.std.tolist(), own, strict=True)
         return {
             p.name: (x, std, p.unit)
             for p, x, std, stated in rows
-            if p.group == "geometry" and not isfinite(stated) and abs(x) > max(far[p.unit], _MAX_DEVIATION_RATIO * std)
+            if p.group == "geometry" and not isfinite(stated) and abs(x) > max(far[p.unit], 5 * std)
         }
 
     @property
@@ -216,8 +214,8 @@ class Calibration(Result):
 
     @cached_property
     def evaluation(self) -> Any:
-        """What the calibration is held against: the ``Evaluation`` of `posture_opt.validation.evaluation`."""
-        return registered("evaluation", self)
+        """What the calibration is held against: the ``Evaluation`` of `posture_opt.validation.calibrated_arm`."""
+        return evaluation_of(self)
 
     @cached_property
     def instruments(self) -> dict[str, Instrument]:
@@ -283,20 +281,34 @@ class Calibration(Result):
 
     def estimates_json(self) -> dict[str, Json]:
         """The part of the document that the calibration itself knows."""
+        names, known, C = [p.name for p in self.parameters], self.identifiability, self.correlation
+        pairs = np.argwhere(np.triu(np.abs(C) > CORRELATION_SHOWN, 1))
+        values = {"std": self.std, "prior": self.prior, "z": self.z, "p_value": self.p_values}
+        further = {
+            "other_preset": self.other_preset, "instrument_scatter": self.instrument_scatter, "start_up": self.start_up,
+            "test": self.test, "thinned": self.large,
+        }  # fmt: skip
         document: dict[str, Json] = {
             "residual_rms": {"nominal": self.nominal.rms, "calibrated": self.calibrated.rms},
             "residuals": {"nominal": self.nominal.to_json(), "calibrated": self.calibrated.to_json()},
             "coverage95": dict(self.coverage),
             "cross_validation": self.by,
-            "parameters": [self._parameter(i) for i in range(len(self.parameters))],
-            "correlations": self._correlations(),
+            "parameters": [
+                {
+                    "name": p.name, "estimate": float(p.nominal + self.x[i]), "nominal": p.nominal, "unit": p.unit,
+                    "determined": bool(self.fixed[i]),
+                    **{name: finite_or_none(float(value[i])) for name, value in values.items()},
+                }
+                for i, p in enumerate(self.parameters)
+            ],
+            "correlations": [{"parameters": [names[i], names[j]], "correlation": float(C[i, j])} for i, j in pairs],
             "instruments": {name: one.to_json() for name, one in self.instruments.items()},
             "rows_per_independent": self.design,
-            "rank": self.identifiability.rank,
-            "condition": self.identifiability.condition,
-            "singular_values": [float(s) for s in self.identifiability.singular_values],
-            "observability": dict(self.identifiability.observability),
-            "undetermined": list(self.identifiability.words),
+            "rank": known.rank,
+            "condition": known.condition,
+            "singular_values": known.singular_values.tolist(),
+            "observability": dict(known.observability),
+            "undetermined": list(known.words),
             "residual_variance": self.variance,
             "outliers": list(self.outliers),
             "outlier_lines": list(self.lines),
@@ -306,49 +318,16 @@ class Calibration(Result):
             "far_frames": self.far_frames,
             "nominal_kept": self.keeps_nominal,
             "doubts": [doubt.to_json() for doubt in self.doubts],
-        }
-        if self.other_preset is not None:
-            document["other_preset"] = self.other_preset.to_json()
-        if self.instrument_scatter is not None:
-            document["instrument_scatter"] = self.instrument_scatter.to_json()
+        }  # fmt: skip
         if self.better_than_nominal is not None:
             document["better_than_nominal"] = self.better_than_nominal
-        if self.start_up is not None:
-            document["start_up"] = self.start_up.to_json()
-        if self.test is not None:
-            document["test"] = self.test.to_json()
-        if self.large is not None:
-            document["thinned"] = self.large.to_json()
-        return document
-
-    def _parameter(self, i: int) -> dict[str, Json]:
-        """The entry of parameter i under ``parameters``: SI values, None in place of NaN."""
-        p, known = self.parameters[i], bool(self.fixed[i])
-        values = {"std": self.std[i], "prior": self.prior[i], "z": self.z[i], "p_value": self.p_values[i]}
-        return {
-            "name": p.name,
-            "estimate": float(p.nominal + self.x[i]),
-            "nominal": p.nominal,
-            "unit": p.unit,
-            "determined": known,
-            **{name: float(value) if np.isfinite(value) else None for name, value in values.items()},
-        }
-
-    def _correlations(self) -> list[dict[str, Json]]:
-        """Pairs of estimates that are correlated closely."""
-        C, names = self.correlation, [p.name for p in self.parameters]
-        pairs = np.argwhere(np.triu(np.abs(C) > CORRELATION_SHOWN, 1))
-        return [{"parameters": [names[i], names[j]], "correlation": float(C[i, j])} for i, j in pairs]
+        return document | {name: one.to_json() for name, one in further.items() if one is not None}
 
 
 def calibrated_parts(
     problem: ProblemData | Calibration, data: Measurements | None, calibration: Calibration | None
 ) -> tuple[ProblemData, Measurements, Calibration]:
-    """What a function of a calibration was given: the calibration alone, or its problem and measurements before it.
-
-    Raises:
-        TypeError: a calibration and something beside it, or no calibration.
-    """
+    """What a function of a calibration was given: the calibration alone, or its problem and measurements before it."""
     if isinstance(problem, Calibration) and data is None and calibration is None:
         return problem.request.problem, problem.request.data, problem
     if isinstance(problem, Calibration) or data is None or calibration is None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from posture_opt.calibration.estimation.identifiability import ANGLE_TOLERANCE_RAD, LENGTH_TOLERANCE_M
-from posture_opt.calibration.sure_gain import LEAST_PROBABILITY
+from posture_opt.calibration.instruments import LEAST_PROBABILITY
 from posture_opt.measurements.measurements import rows_back_in_time
 from posture_opt.model.effects import Effect, JointCoupling
 from posture_opt.statements import Quantity, Statement, state
@@ -20,9 +20,8 @@ from posture_opt.units import ERROR_UNITS, number, plus_minus
 if TYPE_CHECKING:
     from posture_opt.calibration.assumptions.contradictions import Contradiction
     from posture_opt.calibration.calibration import Calibration
-    from posture_opt.calibration.large_file import LargeFile
-    from posture_opt.calibration.scatter_change import ScatterChange
-    from posture_opt.calibration.start_up import StartUp
+    from posture_opt.calibration.second_file import LargeFile
+    from posture_opt.calibration.start_up import ScatterChange, StartUp
     from posture_opt.measurements.measurements import Measurements
 
 DIMENSIONS = {"m": "length", "rad": "angle", "1": "number"}
@@ -30,11 +29,9 @@ DIMENSIONS = {"m": "length", "rad": "angle", "1": "number"}
 CORRELATION_SHOWN = 0.9
 """Correlation from which on one of two estimates leans on the other."""
 _MAX_LISTED = 3
+_FRAME_UNITS = {"m": (1e3, "mm"), "rad": (math.degrees(1), "deg")}
 _WRONG_DISTANCE, _MAX_DISTANCES = 4.0, 3  # σ's from which on a stated distance is doubted, and how many are listed
-_MIN_TURN_RAD = math.radians(0.01)  # less is no turn that anyone would correct
-_MIN_OUTLIER_RUN = 4  # outliers that follow each other, which instruments do not make
 ELSEWHERE = 20  # times the errors at home: no arm drifts that far
-_NEGLIGIBLE_UNCERTAINTY = 0.1  # of what a fit leaves: its standard errors then hardly count
 
 
 def doubts(found: Calibration) -> list[Statement]:
@@ -43,37 +40,28 @@ def doubts(found: Calibration) -> list[Statement]:
     if found.disagreement is not None:
         left, motion = found.disagreement.left, found.disagreement.motion
         said.append(state("calibration.data-disagree", left=Quantity(left), motion=Quantity(motion)))
-    said += _preset(found)
+    if (other := found.other_preset) is not None:
+        far = sorted(other.lengths, key=lambda name: -abs(other.lengths[name][1] - other.lengths[name][0]))
+        lengths = _some([f"{name} {number(1e3 * other.lengths[name][1], 4)} mm" for name in far])
+        errors = {"with_them": Quantity(other.rms), "stated": Quantity(other.stated)}
+        said.append(state("calibration.other-preset", other.name, title=other.title, lengths=lengths, **errors))
     said += [_contradiction(one) for one in found.contradictions]
     said += _distances(found)
-    for frame, far in found.far_frames.items():
+    for frame, away in found.far_frames.items():
         origin = "the measured points" if frame == "base" else "the flange"
-        said.append(state("calibration.frame-far", frame, far=Quantity(far), origin=origin))
-    if found.implausible and found.other_preset is None:  # which says what they are
+        said.append(state("calibration.frame-far", frame, far=Quantity(away), origin=origin))
+    if found.implausible and other is None:  # which says what they are
         texts = [f"{name} {plus_minus(x, s, *ERROR_UNITS[unit])}" for name, (x, s, unit) in found.implausible.items()]
         said.append(state("calibration.implausible-deviation", next(iter(found.implausible)), deviations=_some(texts)))
     return said
 
 
 def _some(texts: Sequence[str]) -> tuple[str, ...]:
-    """The first texts of a list, and how many more there are."""
     more = len(texts) - _MAX_LISTED
     return (*texts[:_MAX_LISTED], *([f"{more} more"] if more > 0 else []))
 
 
-def _preset(found: Calibration) -> list[Statement]:
-    """Link lengths that are those of another preset."""
-    other = found.other_preset
-    if other is None:
-        return []
-    far = sorted(other.lengths, key=lambda name: -abs(other.lengths[name][1] - other.lengths[name][0]))
-    lengths = _some([f"{name} {number(1e3 * other.lengths[name][1], 4)} mm" for name in far])
-    errors = {"with_them": Quantity(other.rms), "stated": Quantity(other.stated)}
-    return [state("calibration.other-preset", other.name, title=other.title, lengths=lengths, **errors)]
-
-
 def _contradiction(one: Contradiction) -> Statement:
-    """A coupling, a σ or a frame that the data refute, with what setting it aside brings."""
     gain = {"before": Quantity(one.rms_stated), "after": Quantity(one.rms)}
     if isinstance(one.cause, JointCoupling):
         ratio, std, _ = one.estimate["ratio"]
@@ -83,14 +71,11 @@ def _contradiction(one: Contradiction) -> Statement:
         ((name, (value, std, unit)),) = one.estimate.items()
         sigma, off = Quantity(one.sigma, DIMENSIONS[unit]), Quantity(value, DIMENSIONS[unit], std)
         return state("calibration.sigma-contradicted", f"{one.cause.target}.{name}", sigma=sigma, off=off, **gain)
-    return state("calibration.frame-contradicted", one.cause.target, off=_off(one), **gain)
-
-
-def _off(one: Contradiction) -> tuple[str, ...]:
-    """How far a frame is off, and how far it is turned where that is more than 0.01 deg and three standard errors."""
     (shift, std), (turn, error) = (_norm(one, unit) for unit in ("m", "rad"))
-    texts = [str(Quantity(shift, "length", std))] if shift else []
-    return (*texts, str(Quantity(turn, "angle", error))) if turn > max(_MIN_TURN_RAD, 3 * error) else tuple(texts)
+    apart = [str(Quantity(shift, "length", std))] if shift else []
+    # Less than 0.01° is no turn that anyone would correct.
+    apart += [str(Quantity(turn, "angle", error))] if turn > max(math.radians(0.01), 3 * error) else []
+    return state("calibration.frame-contradicted", one.cause.target, off=tuple(apart), **gain)
 
 
 def _norm(one: Contradiction, unit: str) -> tuple[float, float]:
@@ -104,7 +89,6 @@ def _norm(one: Contradiction, unit: str) -> tuple[float, float]:
 
 
 def _distances(found: Calibration) -> list[Statement]:
-    """Stated distances between touched points that the calibrated arm does not meet, the farthest off first."""
     errors, names = found.residuals.distance_errors(found.x), found.residuals.data.place_names
     said = []
     for i in [i for i in np.argsort(-np.abs(errors)).tolist() if abs(errors[i]) > _WRONG_DISTANCE][:_MAX_DISTANCES]:
@@ -117,11 +101,7 @@ def _distances(found: Calibration) -> list[Statement]:
 
 
 def instrument(found: Calibration, nominal: bool) -> list[Statement]:
-    """That the instrument is worse than the arm, and how sure it is then that calibration helps.
-
-    Args:
-        nominal: whether the nominal arm is delivered in place of the calibrated one.
-    """
+    """That the instrument is worse than the arm, and how sure it is then that calibration helps."""
     scatter, probability = found.instrument_scatter, found.better_than_nominal
     kept = nominal and not found.predicts_better
     said = [state("calibration.nominal-kept-no-gain")] if kept else []
@@ -135,18 +115,12 @@ def instrument(found: Calibration, nominal: bool) -> list[Statement]:
     sure = Quantity(min(probability, 0.999), "share")
     if not nominal:
         return [*said, state("calibration.probably-better", probability=sure)]
-    return [
-        *said,
-        state("calibration.nominal-kept-unsure", probability=sure, asked=Quantity(LEAST_PROBABILITY, "share")),
-    ]
+    asked = Quantity(LEAST_PROBABILITY, "share")
+    return [*said, state("calibration.nominal-kept-unsure", probability=sure, asked=asked)]
 
 
 def rows_in_time(data: Measurements, start: StartUp | None, change: ScatterChange | None = None) -> list[Statement]:
-    """What is odd along the rows: a clock that starts anew, first rows that are off, scatter that changes.
-
-    Args:
-        start: first rows that are farther off than the rest; ``change`` where the scatter changes, said in its stead.
-    """
+    """What is odd along the rows: a clock that starts anew, first rows that are off, scatter that changes."""
     said = []
     if data.time is not None and data.visit is None and len(back := rows_back_in_time(data.time, data.robot)):
         said.append(state("calibration.clock-restarts", lines=listed_lines([int(line) for line in data.line[back]])))
@@ -174,7 +148,7 @@ def left_out(found: Calibration, lines: Sequence[int]) -> list[Statement]:
     if not lines:
         return []
     run, listed = found.outliers_at_ends, listed_lines(lines)
-    if run < _MIN_OUTLIER_RUN:
+    if run < 4:  # outliers that follow each other, which instruments do not make
         return [state("calibration.outliers", lines=listed)]
     return [state("calibration.outliers-at-end", lines=listed, run=run)]
 
@@ -184,26 +158,18 @@ def thinned(large: LargeFile | None) -> list[Statement]:
     if large is None:
         return []
     models = {name: Quantity(large.models[name].rms) for name in ("nominal", "calibrated")}
-    rows = len(large.thinning.data)
-    share = large.uncertainty / max(large.left, 1e-300)
-    which = "thinning-suffices" if share < _NEGLIGIBLE_UNCERTAINTY else "thinning-limits"
+    used, rows, share = len(large.thinning.rows), len(large.thinning.data), large.uncertainty / max(large.left, 1e-300)
+    which = "thinning-suffices" if share < 0.1 else "thinning-limits"  # standard errors then hardly count
     moves = {"moves": Quantity(large.uncertainty), "share": Quantity(share, "share")}
-    return [
-        state("calibration.thinned", used=len(large.thinning.rows), rows=rows, **models),
-        state(f"calibration.{which}", **moves),
-    ]
+    return [state("calibration.thinned", used=used, rows=rows, **models), state(f"calibration.{which}", **moves)]
 
 
 def statements_of(found: Calibration) -> tuple[Statement, ...]:
     """What a calibration has to say by itself, the answer first."""
-    before, after = Quantity(found.nominal.rms), Quantity(found.calibrated.rms)
-    which = "error-reduced" if found.calibrated.rms < found.nominal.rms else "error-not-reduced"
-    what = found.request.data.kind.error_words
     explained = any(isinstance(c.cause, Effect) for c in found.contradictions)  # by the first line
     warnings = () if explained else found.request.data.warnings
     return (
-        state(f"calibration.{which}", what=what, nominal=before, calibrated=after),
-        *instrument(found, found.keeps_nominal),
+        *_answer(found),
         *doubts(found),
         *rows_in_time(found.request.data, found.start_up),
         *data_warnings((*warnings, *found.fit.notes)),
@@ -216,8 +182,34 @@ def statements_of(found: Calibration) -> tuple[Statement, ...]:
     )
 
 
+def _answer(found: Calibration) -> list[Statement]:
+    """What calibration brings, and where the frames are that are all of it."""
+    before, after = Quantity(found.nominal.rms), Quantity(found.calibrated.rms)
+    what = found.request.data.kind.error_words
+    if not any(p.group == "geometry" for p in found.parameters):
+        said = [state("calibration.frames-found", what=what, left=before)]
+    else:
+        which = "error-reduced" if after.value < before.value else "error-not-reduced"
+        said = [state(f"calibration.{which}", what=what, nominal=before, calibrated=after)]
+        said += instrument(found, found.keeps_nominal)
+    return said + _frames(found) * found.keeps_nominal
+
+
+def _frames(found: Calibration) -> list[Statement]:
+    """Where tool and base are, if the data determine their origin: what they determine, with its standard error."""
+    said = []
+    for frame in ("tool", "base"):
+        texts = {
+            p.name.partition(".")[2]: plus_minus(p.nominal + x, std, *_FRAME_UNITS[p.unit])
+            for p, x, std, counts in zip(found.parameters, found.delivered, found.std, found.fixed, strict=True)
+            if counts and p.name.partition(".")[0] == frame
+        }
+        if {*"xyz"} <= {*texts}:
+            said.append(state("calibration.frame-found", frame, at=[f"{name} {text}" for name, text in texts.items()]))
+    return said
+
+
 def _test(found: Calibration) -> list[Statement]:
-    """Whether the calibration holds on a test file, and that base or instrument may have been moved."""
     if found.test is None:
         return []
     errors = {name: Quantity(found.test.models[name].rms) for name in ("nominal", "calibrated")}
@@ -228,7 +220,6 @@ def _test(found: Calibration) -> list[Statement]:
 
 
 def _parameters(found: Calibration) -> list[Statement]:
-    """Parameters that differ from nominal, those beyond tolerances, and estimates that depend on each other."""
     geometry = [i for i, p in enumerate(found.parameters) if p.group == "geometry"]
     tested = [i for i in geometry if math.isfinite(found.z[i])]
     said = []
@@ -238,7 +229,9 @@ def _parameters(found: Calibration) -> list[Statement]:
     limits = {"m": LENGTH_TOLERANCE_M, "rad": ANGLE_TOLERANCE_RAD}
     far = [i for i in geometry if found.fixed[i] and abs(found.x[i]) > limits[found.parameters[i].unit]]
     if far:
-        texts = [f"{found.parameters[i].name} {_error(found, i)}" for i in far]
+        units = [DIMENSIONS[p.unit] for p in found.parameters]
+        off = {i: Quantity(float(found.x[i]), units[i], float(found.std[i])) for i in far}
+        texts = [f"{found.parameters[i].name} {off[i]}" for i in far]
         length, angle = Quantity(LENGTH_TOLERANCE_M, "stated length"), Quantity(ANGLE_TOLERANCE_RAD, "angle")
         said.append(state("calibration.beyond-tolerance", deviations=texts, length=length, angle=angle))
     pairs = np.abs(np.triu(found.correlation, 1))[np.ix_(found.fixed, found.fixed)] > CORRELATION_SHOWN
@@ -250,8 +243,3 @@ def _parameters(found: Calibration) -> list[Statement]:
     known = found.identifiability.determined
     helped = [p.name for p, k, d in zip(found.parameters, found.fixed, known, strict=True) if k and not d]
     return [*said, *([state("calibration.by-prior", names=helped)] if helped else [])]
-
-
-def _error(found: Calibration, i: int) -> Quantity:
-    """How far parameter i is off the file."""
-    return Quantity(float(found.x[i]), DIMENSIONS[found.parameters[i].unit], float(found.std[i]))

@@ -1,9 +1,4 @@
-"""Errors where nothing was seen: every group of rows predicted by an arm fitted to the others, or by another file.
-
-The others are fitted anew, exactly (`refitted_errors`), or to first order about the fit to all rows (`held_out`). Every
-fold then fits geometry and the sizes of effects; where effects were chosen by the same rows, their choice belongs into
-the folds too (`linear_held_out_errors`, by models of their own).
-"""
+"""Held-out errors: every group of rows predicted by an arm fitted to the others, exactly or to first order."""
 
 from __future__ import annotations
 
@@ -14,34 +9,100 @@ import numpy as np
 
 from posture_opt.calibration.assumptions.frames import fit_frames
 from posture_opt.calibration.estimation.fit import Fit, estimate_parameters
-from posture_opt.calibration.estimation.linear_model import LinearModel
+from posture_opt.calibration.estimation.least_squares import column_lengths
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.errors import InsufficientDataError, Issue
-from posture_opt.numerics import Array, Codes, Mask, rms_length
+from posture_opt.numerics import Array, Codes, Mask, factored_columns, rms_length, thin_svd
+
+_DETERMINED_SHARE = 1e-10  # of the largest singular value: what is smaller is not determined
+
+
+@dataclass(frozen=True, eq=False)
+class LinearModel:
+    """Residuals ``r + U K z`` for steps z of geometry and effects; every refit happens in the few coordinates K."""
+
+    r: Array  # (m,) residuals at the estimate, those of known distances and of the prior at the end
+    U: Array  # (m, p) orthonormal basis of all columns, ``K`` (p, c) the columns in it
+    K: Array
+    basis: Array  # (k, c) deviations of the parameters per step; shapes of effects stay
+    owner: Codes  # (c,) the effect that a column belongs to; -1 for geometry
+    z: Array  # (c,) the steps that the effects' estimates are; zero for geometry
+
+    @classmethod
+    def of(cls, fit: Fit) -> LinearModel:
+        """The linear model of a fit at its estimate: geometry in the fitted steps, then the sizes of all effects."""
+        r, J = fit.residuals_and_jacobian
+        geometry, own = fit.directions[:, fit.geometry], fit.sizes
+        scale = column_lengths(J[:, own])
+        effects = np.zeros((len(fit.x), len(own)))
+        effects[own, range(len(own))] = 1 / scale
+        basis = np.concatenate([geometry, effects], axis=1)
+        sizes = [s.stop - s.start for s in fit.slices]
+        owner = np.r_[np.full(geometry.shape[1], -1), np.repeat(np.arange(len(sizes)), sizes)].astype(np.intp)
+        z = np.r_[np.zeros(geometry.shape[1]), fit.x[own] * scale]
+        return cls(r, *_in_own_space(J @ basis), basis, owner, z)
+
+    @classmethod
+    def with_columns(cls, fit: Fit, columns: Array) -> LinearModel:
+        """Of the geometry of a fit and columns (m, c) that it was not fitted with, each of unit length."""
+        r, J = fit.residuals_and_jacobian
+        geometry = fit.directions[:, fit.geometry]
+        further = np.zeros((len(r), columns.shape[1]))  # a prior of the geometry knows nothing of them
+        further[: len(columns)] = columns
+        U, K = _in_own_space(np.concatenate([J @ geometry, further], axis=1))
+        count = geometry.shape[1] + columns.shape[1]
+        basis = np.concatenate([geometry, np.zeros((len(fit.x), columns.shape[1]))], axis=1)
+        return cls(r, U, K, basis, np.full(count, -1), np.zeros(count))
+
+    def without(self, effect: int | None) -> tuple[Array, Codes]:
+        """Residuals (m,) when an effect is taken out with nothing refitted, and the columns that are left."""
+        gone = self.owner == effect if effect is not None else np.zeros(len(self.owner), dtype=bool)
+        r = self.r - self.U @ (self.K[:, gone] @ self.z[gone]) if gone.any() else self.r
+        return r, np.flatnonzero(~gone)
+
+    def refitted(self, effect: int) -> Array:
+        """(k,) deviations after which the rest explains what an effect leaves when it is taken out."""
+        return np.asarray(self.basis @ self._step_without(effect))
+
+    def left_without(self, effect: int) -> Array:
+        """(m,) residuals when an effect is taken out and the rest fitted again."""
+        return np.asarray(self.without(effect)[0] + self.U @ (self.K @ self._step_without(effect)))
+
+    def _step_without(self, effect: int) -> Array:
+        """(c,) the step of the rest when an effect is taken out; zero for the effect itself."""
+        r, kept = self.without(effect)
+        step = np.zeros(len(self.owner))
+        step[kept] = np.linalg.lstsq(self.K[:, kept], -self.U.T @ r, rcond=_DETERMINED_SHARE)[0]
+        return step
+
+
+def _in_own_space(A: Array) -> tuple[Array, Array]:
+    """An orthonormal basis U (m, p) of columns A (m, c), without directions that are not determined, and ``UᵀA``."""
+    norms = np.linalg.norm(A, axis=0)
+    # 1e-9 of the longest column: what is as long is more than rounding of others
+    if norms.min(initial=1.0) > 1e-9 * norms.max(initial=0.0):
+        factored = factored_columns(A / norms)
+        if factored is not None:
+            return factored[0], factored[1] * norms
+    U, s, V = thin_svd(A)
+    kept = s > _DETERMINED_SHARE * s.max(initial=0.0)
+    return U[:, kept], s[kept, None] * V[kept]
+
 
 Folds = Sequence[Codes]
-
-_INFORMATION_TOLERANCE = (
-    1e-13  # of the information of all rows: what the rows that stay have less of they do not have at all
-)
 
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """Position errors of every row by a model that has not seen its group, and whether they were expected.
+    """Position errors of every row by a model that has not seen its group, and whether they were expected."""
 
-    Args:
-        errors: (N, 3) model minus measured [m], world.
-        inside: (N,) in the 95 % region that the errors of the other rows lead one to expect, and what these leave
-            unknown of the parameters.
-        shape: (N, axes, axes) covariance of noise at each row, up to a factor, where it is not the same at all rows.
-        unsettled: how many fits did not converge.
-    """
-
-    errors: Array
+    errors: Array  # (N, 3) model minus measured [m], world
+    # (N,) in the 95 % region that the errors of the other rows lead one to expect, and what these leave unknown of the
+    # parameters
     inside: Mask
+    # (N, axes, axes) covariance of noise at each row, up to a factor, where it is not the same at all rows
     shape: Array | None = None
-    unsettled: int = 0
+    unsettled: int = 0  # how many fits did not converge
 
     @property
     def rms(self) -> float:
@@ -64,17 +125,7 @@ def refitted_errors(
 ) -> HeldOut:
     """Every row by an arm that was fitted to the other folds: all that was fitted to all rows, or free frames alone.
 
-    Args:
-        found: the estimate from all rows: its outliers teach nothing, and the fits start near it.
-        report_step: is called after each fit.
-        frames: fit free frames and nothing else.
-        residuals: the arm against all rows, outliers included; folds: the rows that each leaves out.
-
-    Returns:
-        Errors (N, 3) [m] of every row, and whether it lies in its predicted 95 % region.
-
-    Raises:
-        InsufficientDataError: a fold leaves none of the rows that count.
+    Returns Errors (N, 3) [m] of every row, and whether it lies in its predicted 95 % region.
     """
     data = residuals.data
     errors, inside, not_converged = np.zeros((len(data), 3)), np.zeros(len(data), dtype=bool), 0
@@ -85,15 +136,17 @@ def refitted_errors(
             message = "leaving out what belongs together leaves no row to learn from, gross errors apart"
             raise InsufficientDataError(Issue(message, hint="measure more postures", file=data.file))
         training = residuals.take(np.flatnonzero(learn))
-        x = fit_frames(training, found.x)
-        again = None
+        x, again = fit_frames(training, found.x), None
         if not frames:
             again = estimate_parameters(
                 training, x, found.directions, found.prior, robust=False, near=found.minimum.x,
                 weight=float(np.sqrt(found.design * found.variance)), design=found.design,
             )  # fmt: skip
             x, not_converged = again.x, not_converged + (not again.at_rest)
-        errors[left_out] = _held_out_errors(residuals, x, left_out)
+        if residuals.data.touches:
+            errors[left_out] = residuals.data.held_out_touches(residuals.error(x))[left_out]
+        else:
+            errors[left_out] = position_errors(residuals.take(left_out), x)
         taught = position_errors(training, x)[:, residuals.axes]
         inside[left_out] = _inside_regions(residuals, left_out, errors[left_out], taught, x, again)
         report_step()
@@ -104,15 +157,7 @@ def held_out(
     model: Fit, folds: Folds, without: int | None = None, shape: Array | None = None,
     about: LinearModel | None = None,
 ) -> HeldOut:  # fmt: skip
-    """Errors of a model refitted to the other rows of each fold, to first order about its estimate.
-
-    The cost is one eigendecomposition (p, p) a fold, p the number of columns, in place of a nonlinear fit.
-
-    About the estimate of all rows the model is linear to well below the noise: leaving a fold out moves a
-    parameter by a fraction of its standard error. Shapes stay where they are. ``without`` leaves one effect out;
-    ``about`` is the linear model where it is known.
-    ``shape`` (N, axes, axes) is the covariance that noise gives the rows, up to a factor.
-    """
+    """Errors of a model refitted to the other rows of each fold, to first order about its estimate."""
     linear = about or LinearModel.of(model)
     return linear_held_out_errors(model.residuals, [(left_out, linear) for left_out in folds], without, shape)
 
@@ -142,13 +187,9 @@ def _expected_covariance(
 ) -> tuple[Array, float]:
     """Covariance (n, axes, axes) [m²] of the errors of n rows left out, and how many others it is estimated from.
 
-    Noise as the other rows have it, and the error of the parameters fitted to them: the leverage of a row. A parameter
-    takes from each coordinate what its leverage there is.
-
-    Args:
-        r: (m,) residuals by the refitted model.
-        unit_steps: (m, p) columns for parameters of variance one each, for residuals of variance one.
-        root: (N, axes, axes) of the covariance of noise, up to a factor, where it is not the same at all rows.
+    r (m,) residuals by the refitted model; unit_steps (m, p) columns for parameters of variance one each, for residuals
+    of variance one; root (N, axes, axes) of the covariance of noise, up to a factor, where it is not the same at all
+    rows.
     """
     N, block, d = len(residuals.data), residuals.block, len(residuals.axes)
     learn = np.setdiff1d(np.arange(N), left_out)
@@ -169,13 +210,14 @@ def _expected_covariance(
 def refit_of_fold(linear: LinearModel, r: Array, kept: Codes, left_out: Codes) -> tuple[Array, Array]:
     """The least squares step of columns ``kept`` for all residuals (m,) but those left out.
 
-    In the orthonormal basis U of all rows, those that stay have the normal matrix ``I - FᵀF = V diag(e) Vᵀ`` where F
-    is what U has in the rows left out: ``diag(√e) Vᵀ K`` replaces the columns in the rows that stay. Returned are the
-    step and the root of its covariance (k, p), for residuals of variance one.
+    In the orthonormal basis U of all rows, those that stay have the normal matrix ``I - FᵀF = V diag(e) Vᵀ`` where F is
+    what U has in the rows left out: ``diag(√e) Vᵀ K`` replaces the columns in the rows that stay. Returned are the step
+    and the root of its covariance (k, p), for residuals of variance one.
     """
     F, K = linear.U[left_out], linear.K[:, kept]
     values, V = np.linalg.eigh(np.eye(F.shape[1]) - F.T @ F)
-    V, root = V[:, values > _INFORMATION_TOLERANCE], np.sqrt(values[values > _INFORMATION_TOLERANCE])
+    # 1e-13 of the information of all rows: what the rows that stay have less of, they do not have at all
+    V, root = V[:, values > 1e-13], np.sqrt(values[values > 1e-13])
     slope = V.T @ (linear.U.T @ r - F.T @ r[left_out])
     spread = np.linalg.pinv(root[:, None] * (V.T @ K), rcond=1e-10)
     return np.asarray(spread @ (-slope / root)), np.asarray(spread)
@@ -192,24 +234,10 @@ def judged_rows(residuals: Residuals, rows: Codes) -> Codes:
 
 
 def positions_of(residuals: Residuals, r: Array, rows: Codes) -> Array:
-    """Errors (rows, axes) [m] of rows that a fit has not seen.
-
-    The place of a touched point is not known: errors count from the mean of all its touches, see
-    `Measurements.held_out_touches`. From that of the few that one fold leaves out they would be too small.
-
-    Args:
-        r: residuals of `judged_rows`, (n·block,).
-    """
+    """Errors (rows, axes) [m] of rows that a fit has not seen. r: residuals of `judged_rows`, (n·block,)."""
     judged = judged_rows(residuals, rows)
     e = residuals.metres(r.reshape(-1, residuals.block)[:, : len(residuals.axes)], judged)
     return residuals.data.held_out_touches(e)[rows] if residuals.data.touches else e
-
-
-def _held_out_errors(residuals: Residuals, x: Array, rows: Codes) -> Array:
-    """Position errors (rows, 3) [m] of rows that a fit has not seen; of touched points as `positions_of` has them."""
-    if not residuals.data.touches:
-        return position_errors(residuals.take(rows), x)
-    return residuals.data.held_out_touches(residuals.error(x))[rows]
 
 
 def _inside_regions(
@@ -217,9 +245,6 @@ def _inside_regions(
 ) -> Mask:
     """Whether errors (n, 3) of ``rows`` lie in the 95 % regions that other rows' errors ``taught`` (m, d) lead one to
     expect.
-
-    They hold the scatter of those, and what is not known of the parameters; Hotelling's distribution, as the scatter
-    itself is estimated.
     """
     e, d = errors[:, residuals.axes], len(residuals.axes)
     frames = sum(p.group != "geometry" for p in residuals.parameters)
@@ -256,3 +281,71 @@ def position_errors(residuals: Residuals, x: Array) -> Array:
         return residuals.data.about_points(error)
     error[:, np.setdiff1d(np.arange(3), residuals.axes)] = 0.0
     return error
+
+
+@dataclass(frozen=True, eq=False)
+class LeftOut:
+    """Errors on held-out rows with everything in the model, and with each part left out and all else fitted again."""
+
+    whole: Array  # (N, axes) [m] with everything
+    without: Array  # (parts, N, axes) [m]
+
+    @property
+    def gains(self) -> Array:
+        """(parts,) relative drop of the RMS by each part, ``1 − RMS_whole / RMS_without``."""
+        whole = rms_length(self.whole)
+        return np.array([1 - whole / max(rms_length(e), 1e-300) for e in self.without])
+
+
+def leave_out(residuals: Residuals, linear: LinearModel, folds: Folds, parts: Sequence[Codes]) -> LeftOut:
+    """Errors of the rows of each fold by the model fitted to the others, whole and without some of its columns.
+
+    With the estimate ``z`` of a fold and its covariance ``C`` (for residuals of variance one) the estimate under ``z_g
+    = 0`` is ``z − C[:, g] C[g, g]⁻¹ z_g`` (Lawson, Hanson 1974, chapter 22).
+    """
+    n, axes, block = len(residuals.data), len(residuals.axes), residuals.block
+    whole, without = np.zeros((n, axes)), np.zeros((len(parts), n, axes))
+    every = np.arange(linear.K.shape[1])
+    for left_out in folds:
+        theirs = residual_indices(left_out, block)
+        step, spread = refit_of_fold(linear, linear.r, every, theirs)
+        seen = [_Seen.of(linear, spread, g) for g in parts]
+        for g, part in zip(parts, seen, strict=True):
+            step[g] = part.shown(step[g] + linear.z[g]) - linear.z[g]  # of what these rows do not show nothing is known
+        judged = residual_indices(judged_rows(residuals, left_out), block)
+        A = linear.U[judged] @ linear.K
+        r = linear.r[judged] + A @ step
+        whole[left_out] = positions_of(residuals, r, left_out)
+        for i, (g, part) in enumerate(zip(parts, seen, strict=True)):
+            less = spread @ part.weights(step[g] + linear.z[g])
+            without[i, left_out] = positions_of(residuals, r - A @ less, left_out)
+    return LeftOut(whole, without)
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """What the rows of a fold show of a part, its columns counted in units of their length in all rows."""
+
+    lengths: Array  # (p,) of the columns; ``root`` (p, r) of the covariance of their steps in that unit
+    root: Array
+    Q: Array  # Q, variances: (p, d) directions that are shown, and the variance of each (d,)
+    variances: Array
+
+    @classmethod
+    def of(cls, linear: LinearModel, spread: Array, part: Codes) -> _Seen:
+        """Of a part, with the root of the covariance of all steps."""
+        lengths = np.maximum(np.linalg.norm(linear.K[:, part], axis=0), 1e-300)
+        root = lengths[:, None] * spread[part]
+        values, Q = np.linalg.eigh(root @ root.T)
+        # 1e-8 of the step of a column of unit length, which is one where the rows show it: less is that of one they do
+        # not show.
+        kept = values > 1e-8
+        return cls(lengths, root, Q[:, kept], values[kept])
+
+    def shown(self, sizes: Array) -> Array:
+        """(p,) sizes as far as they are shown."""
+        return np.asarray(self.Q @ (self.Q.T @ (self.lengths * sizes)) / self.lengths)
+
+    def weights(self, sizes: Array) -> Array:
+        """(r,) by which the root of the covariance gives what sizes (p,) that become zero take along."""
+        return np.asarray(self.root.T @ (self.Q @ (self.Q.T @ (self.lengths * sizes) / self.variances)))

@@ -8,40 +8,27 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from posture_opt.calibration.assumptions.frames import far_places
-from posture_opt.calibration.estimation.fit_setup import FitSetup, prior_tolerances
+from posture_opt.calibration.estimation.fit import Fit
+from posture_opt.calibration.estimation.fit_setup import TOLERANCES, FitSetup, prior_tolerances, sorts_of_parts
 from posture_opt.calibration.estimation.identifiability import identify_parameters
 from posture_opt.calibration.estimation.residuals import Residuals
-from posture_opt.errors import InputError, InsufficientDataError, Issue
-from posture_opt.measurements.affine_fit import reach
-from posture_opt.measurements.measurements import Measurements
+from posture_opt.errors import InputError, InsufficientDataError, Issue, listed
+from posture_opt.measurements.measurements import Measurements, reach
 from posture_opt.numerics import Array, Codes, Mask, rms_length
 from posture_opt.robot.robot import Robot
 
-_STILL_JOINT_RANGE = 1e-3  # rad or m: a joint that moves less says nothing of what lies before it
-_SPARE_POSES = 5  # poses beyond as many coordinates as unknowns: what errors are estimated from
 _MAX_NOMINAL_ERROR = 0.1  # of the reach: no nominal model is that wrong
-_MAX_UNEXPLAINED_MOTION = 0.05  # of the measured motion, left by a calibrated arm: no data of this arm
-_DISAGREEING_MOTION = (
-    0.01  # of the same: far more than arms err that are calibrated (the worst of ours, driven by cables, 0.5 %)
-)
-_MET_EXACTLY = 1e-14  # of the reach: rounding; no readings are met so closely
-_STANDS_STILL = 0.01  # of the nominal motion of the tool point: no tool is held that close to where nothing moves it
 _STATIONARY_POINT_WORDS = "holds its tool point where no joint moves it"
 _STATIONARY_POINT_HINT = "state tool and base, add a known length, or measure where more joints move"
 _PLAN_HINT = "'optimize-posture plan-measurements' proposes postures"
 
 
 def still_joints(robot: Robot, data: Measurements) -> tuple[str, ...]:
-    """``JOINT at VALUE`` of each joint that stood still in all rows.
-
-    A joint does not move where its values span less than `_STILL_JOINT_RANGE` [rad or m].
-    """
+    """``JOINT at VALUE`` of each joint that moves by less than 1e-3 [rad or m] over all rows."""
+    still = [(joint, q[0]) for joint, q in zip(robot.joints, data.q.T, strict=True) if np.ptp(q) < 1e-3]
     return tuple(
-        f"{joint.name} at {math.degrees(q[0]):.4g} deg"
-        if joint.unit == "rad"
-        else f"{joint.name} at {q[0] * 1e3:.4g} mm"
-        for joint, q in zip(robot.joints, data.q.T, strict=True)
-        if np.ptp(q) < _STILL_JOINT_RANGE
+        f"{joint.name} at {f'{math.degrees(v):.4g} deg' if joint.unit == 'rad' else f'{v * 1e3:.4g} mm'}"
+        for joint, v in still
     )
 
 
@@ -55,15 +42,7 @@ def still_notes(robot: Robot, data: Measurements) -> tuple[str, ...]:
 
 
 def check_amount(residuals: Residuals, known: FitSetup, groups: int) -> None:
-    """Refuses data that cannot determine the parameters, or not their errors.
-
-    Args:
-        known: what the data determine at the nominal arm.
-        groups: how many groups of correlated rows there are; one alone cannot be predicted by others.
-
-    Raises:
-        InsufficientDataError: too few rows, or all of them alike.
-    """
+    """Refuses data that cannot determine the parameters, or not their errors."""
     data, block = residuals.data, residuals.block
     counted, measure = _row_count_text(residuals), spread_poses(residuals)
     if groups < 2 and len(data) > 1:
@@ -78,12 +57,10 @@ def check_amount(residuals: Residuals, known: FitSetup, groups: int) -> None:
 
 
 def check_size(residuals: Residuals, held: int | None) -> None:
-    """Refuses touched points that an arm misses the less the smaller it is, and of which no length can be ``held``.
-
-    Raises:
-        InsufficientDataError: no known distance, and no length in the arm.
-    """
+    """Refuses touched points that an arm misses the less the smaller it is, and of which no length can be ``held``."""
     if residuals.data.kind.fixes_size or residuals.distances or held is not None:
+        return
+    if not any(p.group == "geometry" for p in residuals.parameters):
         return
     raise InsufficientDataError(
         f"{residuals.data.kind.noun} alone do not determine the size of this arm, and it has no length that could be "
@@ -102,11 +79,7 @@ def state_a_distance(data: Measurements) -> str:
 
 
 def check_kept(residuals: Residuals, groups: Codes, kept: Mask) -> None:
-    """Refuses data of which outliers leave one group (N,) alone, or none: no other predicts it.
-
-    Raises:
-        InsufficientDataError: nothing is left to judge the errors by.
-    """
+    """Refuses data of which outliers leave one group (N,) alone, or none: no other predicts it."""
     if len(np.unique(groups[kept])) > 1:
         return
     raise InsufficientDataError(
@@ -116,32 +89,18 @@ def check_kept(residuals: Residuals, groups: Codes, kept: Mask) -> None:
 
 
 def check_places(residuals: Residuals, x: Array) -> None:
-    """Refuses a solution that has cameras, anchors or touched points outside of the workspace by far.
-
-    Raises:
-        InputError: the data do not determine where they are, or are not of what the file says.
-    """
-    issues = [
-        Issue(
-            f"{name} is found {away:.3g} m from the base, which is no solution",
-            ("data",),
-            hint="check its rows, its names and, of a camera, the intrinsics; measure more poses in its view",
-            file=residuals.data.file,
-        )
-        for name, away in sorted(far_places(residuals, x).items())
-    ]
-    if issues:
-        raise InputError(issues)
+    """Refuses a solution that has cameras, anchors or touched points outside of the workspace by far."""
+    hint = "check its rows, its names and, of a camera, the intrinsics; measure more poses in its view"
+    far, file = sorted(far_places(residuals, x).items()), residuals.data.file
+    message = "{} is found {:.3g} m from the base, which is no solution"
+    if far:
+        raise InputError([Issue(message.format(*one), ("data",), hint=hint, file=file) for one in far])
 
 
 def check_geometry(residuals: Residuals, known: FitSetup, x: Array) -> None:
-    """Refuses data that determine frames alone; ``x`` (k,) is where the free frames are.
-
-    Raises:
-        InsufficientDataError: no parameter of the arm itself is determined, nor any combination of them.
-    """
+    """Refuses data that determine frames alone; ``x`` (k,) is where the free frames are."""
     geometry = np.array([p.group == "geometry" for p in residuals.parameters])
-    if known.identifiability.determined[geometry].any():
+    if not geometry.any() or known.identifiability.determined[geometry].any():
         return
     frames = [p for p in residuals.parameters if p.group != "geometry"]
     J, scale = residuals.residuals_and_jacobian(x)[1][:, ~geometry], prior_tolerances(frames, [])
@@ -156,54 +115,40 @@ def check_geometry(residuals: Residuals, known: FitSetup, x: Array) -> None:
 
 
 def _row_count_text(residuals: Residuals) -> str:
-    """How many rows, and known distances, in words."""
     poses = len(np.unique(residuals.data.pose))
     return f"{len(residuals.data) * residuals.block} measured coordinates in {poses} pose{'s' * (poses != 1)}"
 
 
 def spread_poses(residuals: Residuals) -> str:
     """How many poses to measure at least, and how to choose them."""
-    need = math.ceil(len(residuals.parameters) / residuals.block) + _SPARE_POSES
+    # 5 poses beyond as many coordinates as unknowns: what errors are estimated from
+    need = math.ceil(len(residuals.parameters) / residuals.block) + 5
     return f"measure at least {need} poses spread over the workspace, with every joint moving: {_PLAN_HINT}"
 
 
 @dataclass(frozen=True)
 class Disagreement:
-    """What a calibrated arm leaves of measurements that are hardly its own: RMS error and RMS motion [m].
-
-    ``left`` is the RMS position error after calibration, ``motion`` the RMS motion of the measured points about their
-    mean.
-    """
+    """What a calibrated arm leaves of measurements that are hardly its own: RMS error and RMS motion [m]."""
 
     left: float
     motion: float
 
     @classmethod
     def of(cls, residuals: Residuals, errors: Array) -> Disagreement | None:
-        """Of the position errors (N, 3) that the calibrated arm leaves; None where they are those of an arm.
-
-        Disagreement begins at 1 % of the motion, and at 0.1 % of the reach of the arm.
-        """
+        """Of the position errors (N, 3) that the calibrated arm leaves; None where they are those of an arm."""
         found = cls(rms_length(errors), _rms_motion(residuals))
-        long = reach(residuals.robot)
-        return (
-            found
-            if found.left > max(_DISAGREEING_MOTION * found.motion, _DISAGREEING_MOTION * _MAX_NOMINAL_ERROR * long)
-            else None
-        )
+        # 1 % of the motion: far more than calibrated arms err (the worst of ours, driven by cables, 0.5 %)
+        least = 0.01 * max(found.motion, _MAX_NOMINAL_ERROR * reach(residuals.robot))
+        return found if found.left > least else None
 
 
 def _rms_motion(residuals: Residuals) -> float:
-    """RMS motion of the measured points; of touched ones, the reach of the arm."""
     data = residuals.data
     return reach(residuals.robot) if data.position is None else rms_length(data.position - data.position.mean(axis=0))
 
 
 def _motion_of_tool(residuals: Residuals, x: Array) -> float:
-    """RMS motion [m] of the tool point about its mean, with the deviations ``x`` (k,), in postures across the rows.
-
-    Every joint has its values of the rows in another order, as postures of one touched point leave the tool there.
-    """
+    """RMS motion [m] of the tool point about its mean, with the deviations ``x`` (k,), in postures across the rows."""
     data = residuals.data
     q = np.column_stack([np.roll(column, k) for k, column in enumerate(data.q.T)])
     mixed = residuals.of_data(replace(data, q=q))
@@ -212,10 +157,6 @@ def _motion_of_tool(residuals: Residuals, x: Array) -> float:
 
 
 def _rest_meets(residuals: Residuals, held: int | None) -> bool:
-    """Whether an arm of which every free length is zero, but the ``held`` one, meets the touches at rest.
-
-    Planes may all go through its tool point; two touched points cannot both be there, and a known length is not met.
-    """
     data = residuals.data
     apart = data.touches and len(data.point_names) > 1
     if apart or residuals.distances or data.kind.fixes_size or not data.kind.contact:
@@ -228,21 +169,14 @@ def _rest_meets(residuals: Residuals, held: int | None) -> bool:
 
 def _stands_still(residuals: Residuals, x: Array) -> bool:
     """Whether the joints hardly move the tool point of the arm with the deviations x (k,) [rad, m]."""
-    return _motion_of_tool(residuals, x) < _STANDS_STILL * _motion_of_tool(residuals, np.zeros(len(x)))
+    # 0.01 of the nominal motion of the tool point: no tool is held that close to where nothing moves it
+    return _motion_of_tool(residuals, x) < 0.01 * _motion_of_tool(residuals, np.zeros(len(x)))
 
 
 def check_sense(residuals: Residuals, x: Array, errors: Array, held: int | None = None) -> None:
     """Refuses measurements that the calibrated arm does not explain, or only with a tool point that stands still.
 
-    Args:
-        x: (k,) deviations of the calibrated arm [rad, m].
-        errors: (N, 3) what it leaves [m].
-        held: the length that is held as the size of the arm; None where the data determine it.
-
-    Raises:
-        InputError: they are another robot's, or joints have other signs.
-        InsufficientDataError: touches that an arm explains whose tool point the joints do not move, or that it meets to
-            rounding.
+    x (k,) deviations of the calibrated arm [rad, m]; errors (N, 3) what it leaves [m].
     """
     motion, left = _rms_motion(residuals), rms_length(errors)
     touched, file = residuals.data.position is None, residuals.data.file
@@ -252,13 +186,13 @@ def check_sense(residuals: Residuals, x: Array, errors: Array, held: int | None 
             "anywhere: the rows say nothing of the arm"
         )
         raise InsufficientDataError(Issue(message, hint=_STATIONARY_POINT_HINT, file=file))
-    if touched and left < _MET_EXACTLY * reach(residuals.robot):
+    # 1e-14 of the reach: rounding; no readings are met so closely
+    if touched and left < 1e-14 * reach(residuals.robot):
         message = "these rows are met exactly, to the last digit: they hold no reading that the arm could miss"
         hint = "touch each point, plane or length from several postures"
         raise InsufficientDataError(Issue(message, hint=hint, file=file))
-    if left < _MAX_UNEXPLAINED_MOTION * motion or left < _MAX_UNEXPLAINED_MOTION * _MAX_NOMINAL_ERROR * reach(
-        residuals.robot
-    ):
+    # 0.05 of the measured motion, left by a calibrated arm: no data of this arm
+    if left < 0.05 * max(motion, _MAX_NOMINAL_ERROR * reach(residuals.robot)):
         return
     message = (
         f"even calibrated, the arm misses the measured points by {left * 1e3:.4g} mm (RMS), where they move by "
@@ -270,3 +204,42 @@ def check_sense(residuals: Residuals, x: Array, errors: Array, held: int | None 
         message += f"; an arm that {_STATIONARY_POINT_WORDS} would meet them: the rows say nothing of the arm"
         raise InsufficientDataError(Issue(message, hint=f"{hint} If so: {_STATIONARY_POINT_HINT}", file=file))
     raise InputError(Issue(message, hint=hint, file=file))
+
+
+_SIZE_NOTE = "{} alone do not determine the size of the arm: {}; {}"
+_HELD_BY_LENGTHS = "the lengths in the file hold it, within their tolerance"
+_TOLERANCE_NOTE = (
+    "parts are taken to be within manufacturing tolerance of nominal, as wide as the data suggest (one σ: {})"
+)
+_STAY_NOTE = "the data hardly improve, so that they stay near nominal: {}"
+
+
+def size_notes(residuals: Residuals, held: int | None) -> tuple[str, ...]:
+    """A sentence on what holds the size of an arm that the data leave open, and what would determine it."""
+    kind = residuals.data.kind
+    own = any(p.group == "geometry" for p in residuals.parameters)
+    if not own or (held is None and (kind.fixes_size or residuals.distances)):
+        return ()
+    by = _HELD_BY_LENGTHS if held is None else f"{residuals.parameters[held].name} is held"
+    return (_SIZE_NOTE.format(kind.noun, by, kind.remedy),)
+
+
+def place_notes(residuals: Residuals, known: FitSetup, found: Fit) -> tuple[str, ...]:
+    """Sentences on unknowns of planes, cameras and the like that stay open."""
+    rows = zip(residuals.parameters, found.std, known.fixed, strict=True)
+    errors = {p.name: float(std) if fixed else math.inf for p, std, fixed in rows if p.group == "place"}
+    return residuals.data.kind.open_notes(errors)
+
+
+def tolerance_notes(residuals: Residuals, known: FitSetup) -> tuple[str, ...]:
+    """Sentences on tolerances by manufacturing, and on the parameters that the data do not improve."""
+    own = np.flatnonzero(np.isfinite(known.assumed))
+    if not len(own):
+        return ()
+    parameters = [residuals.parameters[i] for i in own]
+    widths = zip(parameters, sorts_of_parts(residuals, own), known.assumed[own], strict=True)
+    text = ", ".join(dict.fromkeys(f"{TOLERANCES[sort].noun} {1e3 * sigma:.2g} m{p.unit}" for p, sort, sigma in widths))
+    names = [residuals.parameters[i].name for i in own if not known.fixed[i]]
+    # 12 parameters that a sentence names.
+    stay = (_STAY_NOTE.format(listed(names, 12)),) if names else ()
+    return (_TOLERANCE_NOTE.format(text), *stay)

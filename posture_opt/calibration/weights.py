@@ -8,12 +8,14 @@ from typing import ClassVar
 
 import numpy as np
 
+from posture_opt.calibration.assumptions.refuted_statements import MIN_EVIDENCE
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.estimation.effect_sensitivities import EffectSensitivities
 from posture_opt.calibration.estimation.residuals import gravity_of
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import factor_values, walk
 from posture_opt.numerics import Array, Json, finite_or_none
+from posture_opt.robot.robot import Robot
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.statements import Quantity, Statement, state
 
@@ -21,31 +23,23 @@ _SAME_DIRECTION = np.cos(np.radians(10.0))
 """Cosine within which two directions pull alike, and a base is upright."""
 _ROUNDED = np.cos(np.radians(3.0))
 """Cosine within which a direction is that of an axis of the base."""
-_MIN_EVIDENCE = 20.0
-"""Evidence of another direction or mass, as of other statements that are set aside: probability of e²⁰."""
 _LARGEST_SHARE, _MASSES_TRIED = 0.5, 26
 """Of the mass of all links, the most that one place carries beside what is stated; and how many masses are tried."""
 
 
 @dataclass(frozen=True)
 class GravityReading:
-    """Gravity in another direction than the file is taken to say.
-
-    Args:
-        vector: (3,) [m/s²], in the axes of the base as found; ``world`` in those of the data.
-        reading: ``instrument`` where its frame is level and the arm is not, ``base`` where it is the other way round,
-            ``mounting`` where the arm stands neither upright nor in a level frame.
-        evidence: logarithm of the likelihood ratio, by the sag of the joints alone.
-        base: ``xyz`` [m] and ``rpy`` [rad] of the base as found.
-    """
+    """Gravity in another direction than the file is taken to say."""
 
     key: ClassVar[str] = "gravity"
 
-    vector: tuple[float, float, float]
+    vector: tuple[float, float, float]  # (3,) [m/s²], in the axes of the base as found; ``world`` in those of the data
     world: tuple[float, float, float]
+    # ``instrument`` where its frame is level and the arm is not, ``base`` where it is the other way round, ``mounting``
+    # where the arm stands neither upright nor in a level frame
     reading: str
-    evidence: float
-    base: Mapping[str, tuple[float, ...]]
+    evidence: float  # logarithm of the likelihood ratio, by the sag of the joints alone
+    base: Mapping[str, tuple[float, ...]]  # ``xyz`` [m] and ``rpy`` [rad] of the base as found
 
     @property
     def line(self) -> str:
@@ -53,12 +47,10 @@ class GravityReading:
         return f"gravity: [{', '.join(f'{v:.3g}' for v in self.vector)}]"
 
     def to_json(self) -> dict[str, Json]:
-        """The part ``gravity`` of ``diagnosis.json``."""
         return {"vector": list(self.vector), "reading": self.reading, "evidence": self.evidence, "line": self.line}
 
     @property
     def statement(self) -> Statement:
-        """What it says, with the line to paste."""
         return state("calibration.gravity", self.reading, line=self.line, evidence=self.evidence)
 
     def restated(self, problem: ProblemData) -> ProblemData:
@@ -74,42 +66,38 @@ def better_gravity(calibration: Calibration) -> GravityReading | None:
     that push against their load. Frame of the instrument and base compete; where the file states no gravity, so do the
     axes of the base, as of an arm on a wall or a ceiling.
     """
-    sag = _Sag.of(calibration)
-    robot = calibration.residuals.robot
+    sag, robot = _Sag.of(calibration), calibration.residuals.robot
     if not robot.base_free or not any(robot.gravity) or not sag.state.weighed:
         return None
     taken = np.array(gravity_of(robot, calibration.residuals.frames(calibration.x)))
     readings = {"taken": taken} | _other_directions(calibration, taken)
-    left = {name: sag.left(_pulled(sag.state, g)) for name, g in readings.items()}
+    left = {}
+    for name, (x, y, z) in readings.items():
+        pulled = replace(sag.state.robot, gravity=(float(x), float(y), float(z)))
+        left[name] = sag.left(_with_robot(sag.state, pulled))
     best = min(left, key=lambda name: left[name])
     evidence = sag.evidence(left["taken"], left[best])
-    return _reading(calibration, best.partition(" ")[0], readings[best], evidence) if evidence > _MIN_EVIDENCE else None
+    if evidence <= MIN_EVIDENCE:
+        return None
+    return _reading(calibration, best.partition(" ")[0], readings[best], evidence)
 
 
 @dataclass(frozen=True)
 class MassReading:
-    """A mass that the arm carries and the file does not state, or states and the arm does not carry.
-
-    Args:
-        place: joint behind which it is, or ``tool``.
-        mass: beyond what is stated [kg], with its standard error ``std``.
-        evidence: logarithm of the likelihood ratio, by the sag of the joints alone.
-    """
+    """A mass that the arm carries and the file does not state, or states and the arm does not carry."""
 
     key: ClassVar[str] = "masses"
 
-    place: str
-    mass: float
+    place: str  # joint behind which it is, or ``tool``
+    mass: float  # beyond what is stated [kg], with its standard error ``std``
     std: float
-    evidence: float
+    evidence: float  # logarithm of the likelihood ratio, by the sag of the joints alone
 
     def to_json(self) -> dict[str, Json]:
-        """The part ``masses`` of ``diagnosis.json``."""
         return {"place": self.place, "mass": self.mass, "std": finite_or_none(self.std), "evidence": self.evidence}
 
     @property
     def statement(self) -> Statement:
-        """What it says."""
         mass = Quantity(self.mass, "mass", self.std if np.isfinite(self.std) else None)
         return state("calibration.masses", self.place, mass=mass, evidence=self.evidence)
 
@@ -136,22 +124,18 @@ def refuted_masses(calibration: Calibration) -> MassReading | None:
     for k, place in enumerate((*names[1:-1], "tool"), 1):
         left = np.array([sag.left(_heavier(sag.state, k if place != "tool" else None, float(m))) for m in tried])
         best = int(np.argmin(left))
-        bend = np.polyfit(tried, np.log(left) * sag.rows / 2, 2)[0]
+        bend = np.polyfit(tried, np.log(left) * len(sag.r) / 2, 2)[0]
         std = 1 / float(np.sqrt(2 * bend)) if bend > 0 else np.inf
         found.append(MassReading(place, float(tried[best]), std, sag.evidence(stated, left[best])))
     best_one = max(found, key=lambda one: one.evidence)
-    return best_one if best_one.evidence > _MIN_EVIDENCE else None
+    return best_one if best_one.evidence > MIN_EVIDENCE else None
 
 
 @dataclass(frozen=True, eq=False)
 class _Sag:
-    """What a calibration leaves that joints which give way could explain.
+    """What a calibration leaves that joints which give way could explain."""
 
-    Args:
-        sensitivities: of the rows that count; r: (m,) their residuals and Q (m, k) an orthonormal basis of the
-            geometry.
-    """
-
+    # of the rows that count; r: (m,) their residuals and Q (m, k) an orthonormal basis of the geometry
     sensitivities: EffectSensitivities
     r: Array
     Q: Array
@@ -169,11 +153,6 @@ class _Sag:
         """The arm at all rows, its loads as stated."""
         return self.sensitivities.state
 
-    @property
-    def rows(self) -> int:
-        """How many residuals."""
-        return len(self.r)
-
     def left(self, state: ArmState) -> float:
         """The least ``|r + Σ_j c_j τ_j|²`` for compliances c_j ≥ 0 of the turning joints under the loads of a state."""
         from scipy.optimize import nnls
@@ -189,35 +168,33 @@ class _Sag:
 
     def evidence(self, stated: float, other: float) -> float:
         """Logarithm of the likelihood ratio of what two states leave."""
-        return self.rows / 2 * float(np.log(stated / max(other, 1e-300)))
+        return len(self.r) / 2 * float(np.log(stated / max(other, 1e-300)))
 
 
-def _pulled(state: ArmState, gravity: Array) -> ArmState:
-    """The same arm under a gravity (3,)."""
-    x, y, z = map(float, gravity)
-    robot = replace(state.robot, gravity=(x, y, z))
+def _with_robot(state: ArmState, robot: Robot) -> ArmState:
     return ArmState(robot, state.q, state.inputs, state.p, state.carried)
 
 
 def _heavier(state: ArmState, behind: int | None, mass: float) -> ArmState:
-    """The same arm with a further mass [kg] in the frame behind a joint; None: at the tool point."""
+    """The arm with a further mass [kg] in the frame behind a joint; None: at the tool point."""
     if behind is None:
         inputs = replace(state.inputs, payload=np.asarray(state.inputs.payload) + mass)
         return ArmState(state.robot, state.q, inputs, state.p, state.carried)
-    joint = state.robot.joints[behind]
-    m = joint.mass + mass  # its centre moves towards the origin of the frame
-    x, y, z = (v * joint.mass / m if m > 0 else 0.0 for v in joint.com)
-    joints = tuple(replace(j, mass=m, com=(x, y, z)) if i == behind else j for i, j in enumerate(state.robot.joints))
-    return ArmState(replace(state.robot, joints=joints), state.q, state.inputs, state.p, state.carried)
+    joints = list(state.robot.joints)
+    m = joints[behind].mass + mass  # its centre moves towards the origin of the frame
+    x, y, z = (v * joints[behind].mass / m if m > 0 else 0.0 for v in joints[behind].com)
+    joints[behind] = replace(joints[behind], mass=m, com=(x, y, z))
+    return _with_robot(state, replace(state.robot, joints=tuple(joints)))
 
 
 def _other_directions(calibration: Calibration, taken: Array) -> dict[str, Array]:
     """Directions (3,) that gravity may have otherwise, by their reading, world."""
     robot = calibration.residuals.robot
-    turn, g = _turn(calibration), np.array(robot.gravity)
-    every = {"instrument": g, "base": turn @ g}
+    found_base, stated_base = _base_rotations(calibration)
+    g = np.array(robot.gravity)
+    every = {"instrument": g, "base": found_base @ stated_base.T @ g}
     if "gravity" not in calibration.request.problem.to_dict()["robot"]:
-        axes = _rotation(calibration, found=True).T
+        axes = found_base.T
         every |= {f"mounting {i}": sign * np.linalg.norm(g) * axes[i // 2] for i, sign in enumerate([1, -1] * 3)}
     found, size = dict[str, Array](), float(g @ g)
     for name, one in every.items():
@@ -226,21 +203,17 @@ def _other_directions(calibration: Calibration, taken: Array) -> dict[str, Array
     return found
 
 
-def _rotation(calibration: Calibration, *, found: bool) -> Array:
-    """(3, 3) of the base in the world, as found or as the file places it."""
-    base = calibration.residuals.robot.base
-    frames = calibration.residuals.frames(calibration.x) if found else {}
-    return np.array(walk(base, factor_values(base, [], frames)).columns, dtype=float).T
-
-
-def _turn(calibration: Calibration) -> Array:
-    """(3, 3) turn of the base from where the file places it."""
-    return np.asarray(_rotation(calibration, found=True) @ _rotation(calibration, found=False).T)
+def _base_rotations(calibration: Calibration) -> tuple[Array, Array]:
+    """(3, 3) of the base in the world, as found and as the file places it."""
+    base, off = calibration.residuals.robot.base, calibration.residuals.frames(calibration.x)
+    found, stated = (np.array(walk(base, factor_values(base, [], at)).columns, dtype=float).T for at in (off, {}))
+    return found, stated
 
 
 def _reading(calibration: Calibration, name: str, world: Array, evidence: float) -> GravityReading:
     """A direction (3,) of the world, rounded to an axis of the base where it is one."""
-    vector = _turn(calibration).T @ world
+    found, stated = _base_rotations(calibration)
+    vector = (found @ stated.T).T @ world
     axis = int(np.argmax(np.abs(vector)))
     if abs(vector[axis]) > _ROUNDED * np.linalg.norm(vector):
         vector = np.sign(vector[axis]) * np.linalg.norm(vector) * np.eye(3)[axis]

@@ -1,8 +1,4 @@
-"""Unchanged, one change, two, or nothing of this sort: how probable new rows make each, and how large a change.
-
-Each model is Gaussian and linear; sizes and the noise level have grids, over which its evidence is a sum. The prior
-is sparse: one change is likelier than two.
-"""
+"""Unchanged, one change, two, or nothing of this sort: how probable new rows make each, and how large a change."""
 
 from __future__ import annotations
 
@@ -13,35 +9,69 @@ from functools import cached_property
 
 import numpy as np
 
-from posture_opt.changes.forms import SIZES_M, Form
-from posture_opt.changes.gaussian_evidence import (
+from posture_opt.changes.new_rows import (
     NOISE_LEVELS,
     NOISE_SPREAD,
     Estimate,
     GaussianRows,
+    NewRows,
     SizedChange,
     log_gains,
+    log_normalised,
     log_sum,
 )
-from posture_opt.changes.new_rows import NewRows
-from posture_opt.experiments.possible_changes import PossibleChange
-from posture_opt.numerics import Array, Codes
+from posture_opt.experiments.possible_changes import PossibleChange, change_name
+from posture_opt.numerics import Array, Codes, Json, finite_or_none
 
+# Sizes of a change: 0.06 to 64 mm of motion of the tool, of a joint the same in mrad.
+SIZES_M = np.asarray(1e-3 * 2.0 ** np.arange(-4, 7), dtype=float)
+
+
+@dataclass(frozen=True, eq=False)
+class Form:
+    """A change by some parameters of it, ``θ = W t``, in units of 1 m of root mean square motion of the tool.
+
+    Args:
+        columns: (p,) places of its parameters among those of the rows.
+        W: (p, q); rows of zeros for those that do not deviate.
+        lever: motion of the tool [m] per m or rad of the size, by which sizes are stated: of a turning joint its root
+            mean square lever, else 1.
+    """
+
+    change: PossibleChange
+    columns: Codes
+    W: Array
+    lever: float
+
+    @property
+    def sizes(self) -> Array:
+        """(S,) root mean square motion of the tool by each size [m]."""
+        return SIZES_M * self.lever
+
+    @classmethod
+    def of(cls, rows: NewRows, change: PossibleChange) -> list[Form]:
+        """The forms of a change that move the tool at all."""
+        found: list[Form] = []
+        motion = rows.motion(change)
+        for deviating in change.forms:
+            values, vectors = np.linalg.eigh(motion[np.ix_(deviating, deviating)])
+            kept = values > 1e-9 * np.trace(motion)  # less is no motion
+            if kept.sum() > (found[0].W.shape[1] if found else 0) or kept.all():
+                W = np.zeros((len(motion), int(kept.sum())))
+                W[list(deviating)] = vectors[:, kept] / np.sqrt(values[kept])
+                angle = len(change.parameters) == 1 and change.parameters[0].unit == "rad"
+                lever = math.sqrt(float(motion[0, 0])) if angle else 1.0
+                found.append(cls(change, np.array(rows.columns(change)), W, lever))
+        return found
+
+
+# Before the new rows: an arm is checked after an incident, and is most often found as it was.
 PRIOR = {"unchanged": 0.6, "one": 0.3, "two": 0.07, "unexplained": 0.03, "gross": 0.03}
-"""Before the new rows: an arm is checked after an incident, and is most often found as it was."""
-_USUAL_M = 0.25e-3
-_LOG_SIZES = -np.log(np.maximum(SIZES_M / _USUAL_M, 1.0))
-LOG_SIZES = np.asarray(_LOG_SIZES - log_sum(_LOG_SIZES))
-"""Up to 0.25 mm or mrad all sizes are alike probable, above in inverse proportion: large ones are rare."""
-_LOG_LEVELS = -0.5 * (np.log(NOISE_LEVELS) / NOISE_SPREAD) ** 2
-LOG_LEVELS = _LOG_LEVELS - log_sum(_LOG_LEVELS)
-_UNEXPLAINED_LEVELS = 2.0 ** np.arange(1, 9)
-"""Noise over what is stated where the rows err in a way that no change makes."""
-_PAIRED = 6  # likeliest single changes that are tried with every other one
-_TANGENT_ERROR = 0.3
-"""Standard deviations of a row by which a tangent may miss before the rows are linearised about the estimate."""
-_MAX_STEPS = 5
-_MIN_WEIGHT = 1e-6  # of a part of an estimate
+# Up to 0.25 mm or mrad all sizes are alike probable, above in inverse proportion: large ones are rare.
+LOG_SIZES = log_normalised(-np.log(np.maximum(SIZES_M / 0.25e-3, 1.0)))
+LOG_LEVELS = log_normalised(-0.5 * (np.log(NOISE_LEVELS) / NOISE_SPREAD) ** 2)
+# Noise over what is stated where the rows err in a way that no change makes.
+_UNEXPLAINED_LEVELS = np.asarray(2.0 ** np.arange(1, 9), dtype=float)
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,8 +79,6 @@ class Hypotheses:
     """Every model of what happened, with its log evidence on the new rows.
 
     Args:
-        rows: linearised; ``gaussian`` the same in coordinates in which their covariance is diagonal.
-        forms: of each change that moves the tool.
         own: (C,) the rows of each change, linearised about its estimate where that is large, and as ``gaussian``.
     """
 
@@ -61,11 +89,10 @@ class Hypotheses:
 
     @classmethod
     def of(cls, rows: NewRows) -> Hypotheses:
-        """From rows and what may have changed on them."""
         gaussian = GaussianRows.of(rows.r, rows.P, rows.A)
         forms = tuple(form for form in (tuple(Form.of(rows, change)) for change in rows.moving) if form)
         found = cls(rows, gaussian, forms, ((rows, gaussian),) * len(forms))
-        for _ in range(_MAX_STEPS):
+        for _ in range(5):
             closer = tuple(found._closer(index) for index in range(len(forms)))
             if closer == found.own:
                 break
@@ -78,7 +105,7 @@ class Hypotheses:
         x = self.rows.x.copy()
         x[self.rows.columns(self.changes[index])] += self._estimate(index).mean
         tangent = own.r + own.A @ (x - self.rows.x)
-        if np.max(np.abs(own.errors_at(x) - tangent)) < _TANGENT_ERROR:
+        if np.max(np.abs(own.errors_at(x) - tangent)) < 0.3:  # standard deviations of a row
             return self.own[index]
         own = self.rows.about(x)
         return own, GaussianRows.of(own.r, own.P, own.A)
@@ -105,7 +132,8 @@ class Hypotheses:
         """Of each change (F, L, S) its log evidence by form, noise level and size, their prior included."""
         found = []
         for index, forms in enumerate(self.forms):
-            gains = [[self.sized(index, f, k).log_gains(f.sizes) for k in range(len(NOISE_LEVELS))] for f in forms]
+            each = [[self.sized(index, f, k).spectrum for k in range(len(NOISE_LEVELS))] for f in forms]
+            gains = [[log_gains(v, z, f.sizes) for v, _, z in own] for own, f in zip(each, forms, strict=True)]
             prior = self.own[index][1].densities + LOG_LEVELS - np.log(len(forms))
             found.append(np.array(gains) + prior[None, :, None] + LOG_SIZES)
         return found
@@ -117,51 +145,53 @@ class Hypotheses:
 
     @cached_property
     def _likeliest(self) -> tuple[int, int]:
-        """The likeliest single change, and the noise level at which it is."""
         best = int(np.argmax(self.log_singles + np.log(self.weights)))
         return best, int(np.argmax([log_sum(self.tables[best][:, k]) for k in range(len(NOISE_LEVELS))]))
 
     @cached_property
     def log_pairs(self) -> dict[tuple[int, int], float]:
-        """Log evidence of two changes together: the likeliest ones with every other one."""
+        """Log evidence of two changes at one noise level, as at all: the six likeliest with every other one."""
         if not self.forms:
             return {}
-        order = np.argsort(-(self.log_singles + np.log(self.weights)), kind="stable")[:_PAIRED].tolist()
+        order = np.argsort(-(self.log_singles + np.log(self.weights)), kind="stable")[:6].tolist()
         pairs = {(min(a, b), max(a, b)) for a in order for b in range(len(self.forms)) if a != b}
-        return {pair: self._log_pair(*pair) for pair in sorted(pairs)}
-
-    def _log_pair(self, a: int, b: int) -> float:
-        """Log evidence of two changes by the widest form of each, at one noise level, as that of all levels."""
-        first, second = self.forms[a][-1], self.forms[b][-1]
-        _, gains = _pair_gains(*self._pair_equations(a, b), first, second)
         best, level = self._likeliest
         ratio = self.log_singles[best] - log_sum(self.tables[best][:, level])
-        density = self._both(a, b).densities[level] + LOG_LEVELS[level] + ratio
-        return log_sum(gains) + float(density)
+        found = {}
+        for pair in sorted(pairs):
+            _, _, _, gains, rows = self._pair(*pair)
+            found[pair] = log_sum(gains) + float(rows.densities[level] + LOG_LEVELS[level] + ratio)
+        return found
 
-    def _both(self, a: int, b: int) -> GaussianRows:
-        """The rows for two changes together: linearised as for the likelier one."""
-        return self.own[a if self.log_singles[a] > self.log_singles[b] else b][1]
+    def _pair(self, a: int, b: int) -> tuple[Array, Array, Array, Array, GaussianRows]:
+        """Normal equations H (p, p) and h (p,) of two changes by the widest form of each, at the likeliest noise level.
 
-    def _pair_equations(self, a: int, b: int) -> tuple[Array, Array]:
-        """The normal equations of two changes, by the widest form of each, at the likeliest noise level."""
+        Then prior standard deviations (S, p) on every other size of the grid, the gain (S,) of each pair of sizes with
+        their prior, and the rows: linearised as for the likelier one.
+        """
         first, second = self.forms[a][-1], self.forms[b][-1]
-        G, h = self._both(a, b).normal[self._likeliest[1]]
-        at = np.concatenate([first.columns, second.columns])
-        W = np.zeros((len(at), first.W.shape[1] + second.W.shape[1]))
-        W[: len(first.columns), : first.W.shape[1]] = first.W
-        W[len(first.columns) :, first.W.shape[1] :] = second.W
-        return W.T @ G[np.ix_(at, at)] @ W, W.T @ h[at]
+        rows = self.own[a if self.log_singles[a] > self.log_singles[b] else b][1]
+        G, h = rows.normal[self._likeliest[1]]
+        at, (p, q) = np.concatenate([first.columns, second.columns]), (first.W.shape[1], second.W.shape[1])
+        W = np.zeros((len(at), p + q))
+        W[: len(first.columns), :p], W[len(first.columns) :, p:] = first.W, second.W
+        H, h = W.T @ G[np.ix_(at, at)] @ W, W.T @ h[at]
+        sizes = [form.sizes[::2] / form.W.shape[1] ** 0.5 for form in (first, second)]
+        d = np.repeat(np.array([(s, t) for s in sizes[0] for t in sizes[1]]), (p, q), axis=1)
+        share = log_normalised(LOG_SIZES[::2])
+        M, u = np.eye(p + q) + d[:, :, None] * H * d[:, None, :], d * h
+        fit = np.sum(u * np.linalg.solve(M, u[:, :, None])[:, :, 0], axis=1)
+        return H, h, d, 0.5 * (fit - np.linalg.slogdet(M)[1]) + np.add.outer(share, share).ravel(), rows
 
     @cached_property
     def _logs(self) -> Array:
         """(2 + C + pairs,) log of prior times evidence: unchanged, unexplained, one change each, two each."""
         pairs = self.log_pairs
         shares = {pair: 2 * self.weights[pair[0]] * self.weights[pair[1]] for pair in pairs}
-        unexplained = [self.gaussian.log_density(level) for level in _UNEXPLAINED_LEVELS]
+        unexplained = self.gaussian.log_densities(_UNEXPLAINED_LEVELS)
         return np.concatenate([
             [np.log(PRIOR["unchanged"]) + log_sum(self.gaussian.densities + LOG_LEVELS)],
-            [np.log(PRIOR["unexplained"]) + log_sum(np.array(unexplained)) - np.log(len(unexplained))],
+            [np.log(PRIOR["unexplained"]) + log_sum(unexplained) - np.log(len(unexplained))],
             np.log(PRIOR["one"]) + np.log(self.weights) + self.log_singles,
             [np.log(PRIOR["two"]) + np.log(shares[pair]) + pairs[pair] for pair in pairs],
         ])  # fmt: skip
@@ -174,7 +204,6 @@ class Hypotheses:
 
     @cached_property
     def probabilities(self) -> Probabilities:
-        """Of all models after the rows, by Bayes' rule."""
         p, count = np.exp(self._logs - log_sum(self._logs)), len(self.forms)
         two = dict(zip(self.log_pairs, p[2 + count :].tolist(), strict=True))
         return Probabilities(float(p[0]), float(p[1]), p[2 : 2 + count], two)
@@ -188,39 +217,26 @@ class Hypotheses:
         return found
 
     def _estimate(self, index: int) -> Estimate:
-        """The estimate of one change alone, over all forms, noise levels and sizes."""
         table = self.tables[index]
         weights = np.exp(table - log_sum(table))
         parts, shares = [], []
-        for f, k, s in np.argwhere(weights > _MIN_WEIGHT):
+        for f, k, s in np.argwhere(weights > 1e-6):
             form = self.forms[index][f]
-            parts.append(self._of_parameters(form, self.sized(index, form, int(k)).estimate(float(form.sizes[s]))))
+            parts.append(self.sized(index, form, int(k)).estimate(float(form.sizes[s])).of(form.W))
             shares.append(weights[f, k, s])
         return Estimate.mixture(parts, np.array(shares) / np.sum(shares))
-
-    @staticmethod
-    def _of_parameters(form: Form, t: Estimate) -> Estimate:
-        """An estimate of t as one of all parameters of the change."""
-        return Estimate(form.W @ t.mean, form.W @ t.covariance @ form.W.T)
 
     def _pair_estimate(self, a: int, b: int) -> tuple[Estimate, Estimate]:
         """The estimates of two changes with one another, at the likeliest noise level and the likeliest sizes."""
         first, second = self.forms[a][-1], self.forms[b][-1]
-        H, h = self._pair_equations(a, b)
-        sizes, gains = _pair_gains(H, h, first, second)
-        d = sizes[int(np.argmax(gains))]
-        covariance = np.asarray(np.linalg.inv(H + np.diag(d**-2)), dtype=float)
+        H, h, sizes, gains, _ = self._pair(a, b)
+        covariance = np.asarray(np.linalg.inv(H + np.diag(sizes[int(np.argmax(gains))] ** -2.0)))
         mean, p = covariance @ h, first.W.shape[1]
-        return (
-            self._of_parameters(first, Estimate(mean[:p], covariance[:p, :p])),
-            self._of_parameters(second, Estimate(mean[p:], covariance[p:, p:])),
-        )
+        one, other = Estimate(mean[:p], covariance[:p, :p]), Estimate(mean[p:], covariance[p:, p:])
+        return one.of(first.W), other.of(second.W)
 
     def expected_preference(self, one: int, other: int) -> float:
-        """Log Bayes factor by which rows are expected to prefer a change, of its estimated size, to another one.
-
-        At the likeliest noise level; expected over the noise of rows in which the first change is made.
-        """
+        """Log Bayes factor by which rows are expected to prefer a change, of its estimated size, to another one."""
         theta = self._estimate(one).mean
         at = self.forms[one][-1].columns
         return self._expected_gain(one, at, theta) - self._expected_gain(other, at, theta)
@@ -238,8 +254,6 @@ class Hypotheses:
 
     def power(self, index: int, shift: float, draws: Array) -> float:
         """Probability that a change of this root mean square motion [m] is detected, in its least visible direction.
-
-        It is detected where it becomes likelier than no change.
 
         Args:
             draws: (n, 6) of standard normal numbers.
@@ -260,7 +274,6 @@ class Probabilities:
     """Of every model after the new rows; they sum to one.
 
     Args:
-        unchanged: nothing changed; ``unexplained`` the rows err in a way that no change makes.
         singles: (C,) of each change alone; ``pairs`` of two together.
     """
 
@@ -271,7 +284,6 @@ class Probabilities:
 
     @property
     def one(self) -> float:
-        """Exactly one thing changed."""
         return float(np.sum(self.singles))
 
     @property
@@ -289,18 +301,61 @@ class Probabilities:
         return found * (1 - self.unchanged) / total if total else found
 
 
-def _pair_gains(H: Array, h: Array, first: Form, second: Form) -> tuple[Array, Array]:
-    """Prior standard deviations (S, p) of two changes on the grid of their sizes, and the gain (S,) of each pair of
-    sizes, their prior included; every other size of the grid.
+# Probability of being detected from which on a change counts as visible.
+POWER = 0.9
+# The motion of the tool whose probability of being detected is reported [m].
+REFERENCE_M = 0.1e-3
+
+
+@dataclass(frozen=True)
+class Visibility:
+    """What can be seen of one possible change, in the direction in which least is seen.
 
     Args:
-        H: (p, p) and h (p,) normal equations of both.
+        shift: the motion of the tool [m] that is detected with a probability of 90 %; infinite where none is.
+        size, unit: the same as a deviation of the parameter [SI]; NaN for frames, where it is the shift.
     """
-    p, q = first.W.shape[1], second.W.shape[1]
-    a, b = (form.sizes[::2] / form.W.shape[1] ** 0.5 for form in (first, second))
-    d = np.repeat(np.array([(s, t) for s in a for t in b]), (p, q), axis=1)
-    share = LOG_SIZES[::2] - log_sum(LOG_SIZES[::2])
-    M = np.eye(p + q) + d[:, :, None] * H * d[:, None, :]
-    u = d * h
-    fit = np.sum(u * np.linalg.solve(M, u[:, :, None])[:, :, 0], axis=1)
-    return d, 0.5 * (fit - np.linalg.slogdet(M)[1]) + np.add.outer(share, share).ravel()
+
+    kind: str
+    target: str
+    power: float
+    shift: float
+    size: float
+    unit: str
+
+    @property
+    def name(self) -> str:
+        return change_name(self.kind, self.target)
+
+    @property
+    def seen(self) -> bool:
+        """Whether there is a size from which on the change is detected: a turn of half a revolution is none."""
+        return not (self.unit == "rad" and math.pi < self.size < math.inf)
+
+    def to_json(self) -> dict[str, Json]:
+        return {
+            "kind": self.kind, "target": self.target, "power": self.power, "shift": finite_or_none(self.shift),
+            "size": finite_or_none(self.size), "unit": self.unit,
+        }  # fmt: skip
+
+
+def visibilities(models: Hypotheses) -> tuple[Visibility, ...]:
+    draws, found = np.random.default_rng(0).standard_normal((400, 6)), []
+    for index, change in enumerate(models.changes):
+        shift, single = _visible_motion(models, index, draws), len(change.parameters) == 1
+        size = shift * abs(float(models.forms[index][0].W[0, 0])) if single else math.nan
+        unit = change.parameters[0].unit if single else "m"
+        power = models.power(index, REFERENCE_M, draws)
+        found.append(Visibility(change.kind, change.target, power, shift, size, unit))
+    return tuple(found)
+
+
+def _visible_motion(models: Hypotheses, index: int, draws: Array) -> float:
+    """The motion [m] from 0.01 to 50 mm that is detected with the probability `POWER`; infinite where none is."""
+    low, high = 1e-5, 0.05
+    if models.power(index, high, draws) < POWER:
+        return math.inf
+    for _ in range(9):
+        middle = math.sqrt(low * high)
+        low, high = (low, middle) if models.power(index, middle, draws) >= POWER else (middle, high)
+    return math.sqrt(low * high)

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
 
 import numpy as np
 
-from posture_opt.calibration.assumptions.geometric_deviation import GeometricDeviation
-from posture_opt.changes.gaussian_evidence import Estimate
-from posture_opt.changes.hypotheses import Probabilities
-from posture_opt.changes.visibility import POWER, REFERENCE_M, Visibility
+from posture_opt.calibration.assumptions.contradictions import GeometricDeviation
+from posture_opt.changes.hypotheses import POWER, REFERENCE_M, Probabilities, Visibility
+from posture_opt.changes.new_rows import Estimate
 from posture_opt.errors import enumerated
 from posture_opt.experiments.measurement_plan import MeasurementPlan, tour_statements
 from posture_opt.experiments.possible_changes import PossibleChange, change_name
@@ -24,9 +23,8 @@ from posture_opt.selection.problem_data import ProblemData
 from posture_opt.statements import Quantity, Statement, state
 
 Verdict = Literal["unchanged", "changed", "several", "unclear"]
+# Of the probability of the likeliest change: what is likelier than this is a rival of it.
 RIVAL_SHARE = 0.05
-"""Of the probability of the likeliest change: what is likelier than this is a rival of it."""
-_MAX_RIVALS = 3  # named in a sentence
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +33,6 @@ class LikelyChange:
 
     Args:
         possible: what it is; ``estimate`` mean and covariance of its parameters [rad, m or SI of the effect].
-        probability: that it changed; the pairs that it is part of count by half.
         shift: root mean square motion of the tool by it over the rows [m].
     """
 
@@ -46,22 +43,18 @@ class LikelyChange:
 
     @property
     def kind(self) -> str:
-        """``tool_frame``, ``base_frame``, ``joint_offset``, ``link``, ``backlash`` or ``joint_compliance``."""
         return self.possible.kind
 
     @property
     def target(self) -> str:
-        """``tool``, ``base``, a joint, or a length or twist of a link: ``elbow.a``."""
         return self.possible.target
 
     @property
     def name(self) -> str:
-        """The name of the change: "zero of elbow"."""
         return change_name(self.kind, self.target)
 
     @property
     def sizes(self) -> tuple[Quantity, ...]:
-        """How large it is: its one parameter; of a frame the length of its shift, and its turn where it is found."""
         mean, covariance = self.estimate.mean, self.estimate.covariance
         if len(mean) == 1:
             unit, effect = self.possible.parameters[0].unit, self.possible.effect
@@ -87,7 +80,6 @@ class LikelyChange:
         return {p.name.rpartition(".")[2]: (mean, s, p.unit) for p, mean, s in rows if s > 0}
 
     def to_json(self) -> dict[str, Json]:
-        """The entry of ``changes``."""
         return {
             "kind": self.kind,
             "target": self.target,
@@ -103,7 +95,6 @@ class GrossRow:
     """A row that no change explains and all others contradict, as a misread target.
 
     Args:
-        line: its line in the file.
         error: how far it is from the arm as all other rows have it [m].
     """
 
@@ -151,7 +142,7 @@ class Recheck(Result):
     @cached_property
     def statements(self) -> tuple[Statement, ...]:
         """What changed, what else it could be, and what to do; or what could be detected."""
-        return recheck_statements(self)
+        return tuple(recheck_statements(self))
 
     def stated_size(self, change: LikelyChange) -> str:
         """The size of an effect that the file states already; empty otherwise."""
@@ -206,9 +197,9 @@ class Recheck(Result):
             "changes": [change.to_json() for change in self.changes],
             "unchanged": p.unchanged,
             "probability": {"unchanged": p.unchanged, "one": p.one, "several": p.several},
-            "named": [{"kind": c.kind, "target": c.target} for c in self.named],
-            "shared": [{"kind": c.kind, "target": c.target} for c in self.shared],
-            "rivals": [{"kind": c.kind, "target": c.target} for c in self.rivals],
+            "named": _kinds(self.named),
+            "shared": _kinds(self.shared),
+            "rivals": _kinds(self.rivals),
             "detectable": {kind: v if np.isfinite(v) else None for kind, v in self.detectable.items()},
             "visible": [visible.to_json() for visible in self.visible],
             "rms": {"before": self.before, "after": self.after},
@@ -219,26 +210,26 @@ class Recheck(Result):
         }
 
 
-def recheck_statements(found: Recheck) -> tuple[Statement, ...]:
-    """The verdict, the rows that were left out, errors, rivals, what to look at or could be detected."""
-    gross = (state("changes.gross-row", str(row.line), error=Quantity(row.error)) for row in found.gross)
-    plan = (
-        ()
-        if found.plan is None
-        else (state("changes.measure-next", postures=len(found.plan.q)), *tour_statements(found.plan))
-    )
-    unplanned = (state("changes.no-further-postures", reason=found.unplanned),) if found.unplanned else ()
-    return (_verdict(found), *gross, *_details(found), *plan, *unplanned)
+def recheck_statements(found: Recheck) -> Iterator[Statement]:
+    yield _verdict(found)
+    for row in found.gross:
+        yield state("changes.gross-row", str(row.line), error=Quantity(row.error))
+    yield from _power(found) if found.verdict == "unchanged" else _errors(found)
+    if found.verdict == "changed":
+        yield from _alternatives(found)
+    if found.plan is not None:
+        yield state("changes.measure-next", postures=len(found.plan.q))
+        yield from tour_statements(found.plan)
+    if found.unplanned:
+        yield state("changes.no-further-postures", reason=found.unplanned)
 
 
 def _verdict(found: Recheck) -> Statement:
-    """What changed, with its probability and the condition of that."""
-    first = found.changes[0]
+    first, either = found.changes[0], (found.changes[0], *found.shared)
     several = Quantity(found.probabilities.several, "share")
     if found.verdict == "unchanged":
         return state("changes.unchanged", probability=Quantity(found.unchanged, "share"))
     if found.shared:
-        either = (first, *found.shared)
         total = Quantity(sum(change.probability for change in either), "share")
         return state("changes.one-of", changes=_names(either), probability=total, several=several)
     if found.verdict == "changed":
@@ -254,44 +245,29 @@ def _verdict(found: Recheck) -> Statement:
     return state("changes.several", first.name, size=sizes[0], other=second.name, other_size=sizes[1])
 
 
-def _details(found: Recheck) -> Iterator[Statement]:
-    """What follows the verdict."""
-    if found.verdict == "unchanged":
-        yield from _power(found)
-        return
+def _errors(found: Recheck) -> Iterator[Statement]:
     before, rows = Quantity(found.before), len(found.data)
     if found.after < found.before:
         yield state("changes.errors-explained", before=before, rows=rows, after=Quantity(found.after))
     else:
         yield state("changes.errors", before=before, rows=rows)
-    if found.verdict != "changed":
-        return
+
+
+def _alternatives(found: Recheck) -> Iterator[Statement]:
+    first, either = found.changes[0], (found.changes[0], *found.shared)
     if not found.shared:
-        alike = found.changes[0].possible.alike
-        if alike:
-            yield state("changes.alike", changes=alike)
-        rivals = _names(found.rivals[:_MAX_RIVALS])
+        if first.possible.alike:
+            yield state("changes.alike", changes=first.possible.alike)
+        rivals = _names(found.rivals[:3])
         yield state("changes.rivals", changes=rivals) if rivals else state("changes.no-rival")
-    yield from _inspections(found)
-
-
-def _inspections(found: Recheck) -> Iterator[Statement]:
-    """What to look at on the arm: of everything that may be the one change."""
-    either = (found.changes[0], *found.shared)
     names: dict[str, str] = {}
     for change in either:
-        names.setdefault(_inspection(found, change), change.name)
+        cause = change.possible.effect or GeometricDeviation.of(change.possible.parameters[0])
+        names.setdefault(cause.inspect(found.problem.robot), change.name)
     yield from (state("changes.inspect", name, what=what) for what, name in names.items())
     effects = (change.possible.effect for change in either)
     if found.data.payload is None and any(e is not None and "payload" in e.asks for e in effects):
         yield state("changes.payload-unstated", payload=found.problem.arm.inputs.payload)
-
-
-def _inspection(found: Recheck, change: LikelyChange) -> str:
-    """What to look at of one change."""
-    known = change.possible
-    cause = GeometricDeviation.of(known.parameters[0]) if known.effect is None else known.effect
-    return cause.inspect(found.problem.robot)
 
 
 def _power(found: Recheck) -> Iterator[Statement]:
@@ -302,5 +278,9 @@ def _power(found: Recheck) -> Iterator[Statement]:
     yield state("changes.least-power", least.name, power=Quantity(least.power, "share"))
 
 
-def _names(changes: tuple[LikelyChange, ...]) -> tuple[str, ...]:
+def _names(changes: Sequence[LikelyChange]) -> tuple[str, ...]:
     return tuple(change.name for change in changes)
+
+
+def _kinds(changes: Sequence[LikelyChange]) -> list[Json]:
+    return [{"kind": change.kind, "target": change.target} for change in changes]

@@ -1,25 +1,96 @@
-"""``optimize-posture completion``: what a shell needs to complete commands, options and their values.
-
-The scripts are click's own. They ask this program when the tab key is pressed, which must be fast: see ``deferred``.
-"""
+"""Values of options that are one of known names, or a file, and what completes them in a shell."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from importlib import import_module
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 from click.shell_completion import BashComplete, CompletionItem, add_completion_class, get_completion_class
 
-from posture_opt.cli.asked.named_values import FILE
+from posture_opt.files import builtin_names, preset_names
+from posture_opt.selection.tasks import KINDS
 
 if TYPE_CHECKING:
     from typing import Any
 
-PROGRAM = "optimize-posture"
-VARIABLE = "_OPTIMIZE_POSTURE_COMPLETE"
-"""Of the environment, by which the scripts ask for the words that may follow."""
-_SHELLS = ("bash", "fish", "zsh")
-_SPECIAL = frozenset(" \t!\"#$&'()*;<>?[\\]^`{|}")
+if TYPE_CHECKING:
+    Text = click.ParamType[Any]
+    Completed = list[CompletionItem[Any]]
+else:
+    Text = click.ParamType  # generic from click 8.4 on
+
+FILE = "file"  # What an item of a completion is that names a file or a folder, as ``CompletionItem.kind`` states it
+
+
+@dataclass(frozen=True)
+class Named(Text):
+    """A text that may be one of some names; whether it is one, the command itself says, with a hint."""
+
+    names: Callable[[], Iterable[str]]
+    endings: tuple[str, ...] = ()
+    name = "text"
+
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The text as it is."""
+        return value
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> Completed:
+        """The names that begin so, and the files."""
+        names = [CompletionItem(name) for name in self.names() if name.startswith(incomplete)]
+        return names + (completed_files(incomplete, self.endings) if self.endings else [])
+
+
+def completed_files(begun: str, endings: tuple[str, ...] = (), *, folders: bool = False) -> Completed:
+    """The files and folders whose path begins so, files with one of the ``endings`` or none but ``folders``."""
+    place, _, start = begun.rpartition("/")
+    inside = Path(f"{place}/").expanduser() if place or begun.startswith("/") else Path()
+    try:
+        entries = sorted(entry for entry in inside.iterdir() if entry.name.startswith(start))
+    except OSError:
+        return []
+    shown = [entry for entry in entries if start or not entry.name.startswith(".")]
+    root = begun[: len(begun) - len(start)]
+    there = [f"{root}{entry.name}/" for entry in shown if entry.is_dir()]
+    files = [] if folders else [f"{root}{e.name}" for e in shown if not e.is_dir() and e.name.endswith(endings or "")]
+    if len(there) == 1 and not files and (deeper := completed_files(there[0], endings, folders=folders)):
+        return deeper if not folders else [CompletionItem(there[0], kind=FILE), *deeper]
+    return [CompletionItem(path, kind=FILE) for path in sorted([*there, *files])]
+
+
+def _tasks() -> Iterable[str]:
+    points = import_module("importlib.metadata").entry_points(group="posture_opt.tasks")
+    return dict.fromkeys((*KINDS, *(point.name for point in points)))
+
+
+PROBLEM = Named(builtin_names, (".yaml", ".yml"))
+ROBOT = Named(preset_names, (".urdf", ".xml", ".yaml", ".yml"))
+TASK = Named(_tasks)
+
+
+class NamedPath(click.Path):
+    """A path with a name: without one, of a shell variable that is not set, it would be the working folder."""
+
+    def convert(self, value: str | PathLike[str], param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The path."""
+        if not str(value).strip():
+            self.fail("the name is empty; write . for this folder", param, ctx)
+        return super().convert(value, param, ctx)
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> Completed:
+        """Files as the help calls them: folders of DIR, tables of DATA.csv, all of FILE."""
+        named = f"{param.metavar or ''}".lower()
+        return completed_files(incomplete, (".csv",) if named.endswith(".csv") else (), folders=named == "dir")
+
+
+PATH = NamedPath(path_type=Path)
+
+
+VARIABLE = "_OPTIMIZE_POSTURE_COMPLETE"  # Of the environment, by which the scripts ask for the words that may follow
 
 
 class EscapingBash(BashComplete):
@@ -33,7 +104,8 @@ class EscapingBash(BashComplete):
     def format_completion(self, item: CompletionItem[Any]) -> str:
         """The item in a line; in the name of a file a backslash before what is special, and one before that."""
         if item.kind == FILE:
-            item.value = "".join(f"\\\\{c}" if c in _SPECIAL else c for c in item.value)
+            special = " \t!\"#$&'()*;<>?[\\]^`{|}"
+            item.value = "".join(f"\\\\{c}" if c in special else c for c in item.value)
         return super().format_completion(item)
 
 
@@ -43,12 +115,12 @@ def complete(group: click.Group, instruction: str) -> None:
     add_completion_class(EscapingBash)
     known = get_completion_class(shell)
     if known is not None and what in ("source", "complete"):
-        asked = known(group, {}, PROGRAM, VARIABLE)
+        asked = known(group, {}, "optimize-posture", VARIABLE)
         click.echo(asked.source() if what == "source" else asked.complete())
 
 
 @click.command("completion")
-@click.argument("shell", type=click.Choice(_SHELLS))
+@click.argument("shell", type=click.Choice(("bash", "fish", "zsh")))
 @click.pass_context
 def completion_command(ctx: click.Context, /, shell: str) -> None:
     """Print the completion script of a shell, which completes commands, options, tasks, presets, problems and files.

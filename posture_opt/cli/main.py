@@ -1,31 +1,94 @@
-"""``optimize-posture``: the group of commands, its exit codes, and its error messages.
-
-Commands are imported when they are called: a solve does not wait for the others. Every way out of the program goes
-through `PostureCommands.main`: 0 done, 1 a defect of ours, 2 bad input, 3 no solution, 4 too few data, 128 + n a
-signal.
-"""
+"""``optimize-posture``: the group of commands, its standard streams, exit codes and error messages."""
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import gc
+import io
 import json
 import os
+import signal
 import sys
+import threading
 import traceback
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import fields
 from importlib import import_module
-from typing import Any, NoReturn, cast
+from types import FrameType
+from typing import Any, NoReturn, TextIO, cast
 
 import click
 from click.shell_completion import CompletionItem
 
 from posture_opt import __version__
-from posture_opt.cli.asked.options import Common, common_options, problem_options, task_options
 from posture_opt.cli.completion import VARIABLE, complete
-from posture_opt.cli.streams import discard, ended_by_signals, exit_code_of, open_standard_streams, output_fault
+from posture_opt.cli.options import Common, common_options, problem_options, task_options
 from posture_opt.errors import InputError, Issue, PostureOptError, nearest
 from posture_opt.interrupts import interruptible
+
+
+class Ended(KeyboardInterrupt):
+    """Another program, or the terminal that closes, asks this one to end by a signal."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(signal.Signals(number).name)
+        self.number: int = number
+
+
+@contextmanager
+def ended_by_signals() -> Iterator[None]:
+    """SIGTERM and SIGHUP end the body as ^C does: what it began is cleaned up."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def end(number: int, frame: FrameType | None) -> NoReturn:
+        raise Ended(number)
+
+    numbers = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    former = {number: signal.getsignal(number) for number in numbers}
+    heard = [number for number in numbers if former[number] == signal.SIG_DFL]
+    for number in heard:
+        signal.signal(number, end)
+    try:
+        yield
+    finally:
+        for number in heard:
+            signal.signal(number, former[number])
+
+
+def open_standard_streams() -> None:
+    """Open what the caller closed, so that no file of ours gets its number; a terminal without σ shows ``?``."""
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            opened = os.open(os.devnull, os.O_WRONLY if number == 2 else os.O_RDONLY)
+            os.set_inheritable(opened, True)
+    sys.stdout, sys.stderr = _writable(sys.stdout, 1), _writable(sys.stderr, 2)
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="replace")
+
+
+def _writable(stream: TextIO | None, number: int) -> TextIO:
+    if stream is None:
+        return os.fdopen(number, "w", encoding="utf-8", closefd=False)
+    if isinstance(getattr(stream, "buffer", None), io.RawIOBase):  # PYTHONUNBUFFERED: half a write would pass for all
+        return os.fdopen(number, "w", encoding=stream.encoding, closefd=False)
+    return stream
+
+
+def discard(stream: TextIO | None) -> None:
+    """Redirect a stream that takes nothing to the null device: its buffer would fail again at exit."""
+    with contextlib.suppress(OSError, ValueError, AttributeError):
+        number = stream.fileno()  # type: ignore[union-attr]
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, number)
+        os.close(nowhere)
+
 
 COMMANDS = {
     # name -> one line for --help
@@ -49,19 +112,13 @@ COMMANDS = {
 }
 _FILES = {
     # file -> the commands in it; `plan-measurements` is its function `plan_measurements_command`
-    "batch": ("batch",),
-    "compare": ("compare",),
     "completion": ("completion",),
-    "measured": ("calibrate", "diagnose"),
-    "posture": ("uncertainty", "simulate"),
+    "many": ("batch", "compare", "map"),
+    "measured": ("calibrate", "diagnose", "recheck"),
+    "measuring": ("detect", "plan-measurements"),
+    "posture": ("explore", "simulate", "uncertainty"),
     "problem_file": ("list", "new", "schema"),
-    "map": ("map",),
-    "compensate": ("compensate",),
-    "detect": ("detect",),
-    "explore": ("explore",),
-    "recheck": ("recheck",),
-    "export": ("export",),
-    "plan_measurements": ("plan-measurements",),
+    "robot_programs": ("compensate", "export"),
 }
 
 
@@ -91,11 +148,7 @@ class PostureCommands(click.Group):
         return cast(click.Command, found)
 
     def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
-        """The command that the first word names.
-
-        Raises:
-            UsageError: no command has this name; the message has the nearest one.
-        """
+        """The command that the first word names."""
         if args and args[0] not in COMMANDS:
             near = nearest(args[0], COMMANDS)
             hint = f"Did you mean '{near}'?" if near else f"Commands: {', '.join(sorted(COMMANDS))}."
@@ -117,14 +170,7 @@ class PostureCommands(click.Group):
     def main(  # type: ignore[override] # it never returns, whatever the mode
         self, args: Sequence[str] | None = None, prog_name: str | None = None, **extra: Any
     ) -> NoReturn:
-        """Run the command line and end the program with one of the codes of the help text.
-
-        Standard streams that the caller closed are opened first, so that no file of a result gets their number. A
-        signal ends the program as ^C does, and what was begun is cleaned up.
-
-        Args:
-            args: the words after the name of the program; None: those of the process.
-        """
+        """Run the command line and end the program with one of the codes of the help text."""
         words = list(sys.argv[1:] if args is None else args)
         open_standard_streams()
         try:
@@ -136,12 +182,14 @@ class PostureCommands(click.Group):
         sys.exit(code)
 
     def _run(self, words: list[str], prog_name: str, extra: dict[str, Any]) -> int:
-        """As click's ``main``, whose own ideas of interrupts and closed pipes are left out."""
+        """As click's ``main``, without its own ideas of interrupts and closed pipes."""
         extra.pop("standalone_mode", None)
         if asked := os.environ.get(VARIABLE):
             complete(self, asked)
             return 0
-        _check_words(words)
+        wrong = [word for word in words if any("\ud800" <= c <= "\udfff" for c in word)]
+        if wrong:  # what Python makes of bytes that are no text can be neither printed nor written
+            raise InputError([Issue("the argument is not UTF-8", (word,), word, "write it as UTF-8") for word in wrong])
         try:
             with self.make_context(prog_name, words, **extra) as ctx:
                 self.invoke(ctx)
@@ -150,68 +198,48 @@ class PostureCommands(click.Group):
         return 0
 
 
-def _check_words(words: Sequence[str]) -> None:
-    """Refuse words whose bytes are no text: what Python makes of them can be neither printed nor written.
-
-    Raises:
-        InputError: each such word.
-    """
-    wrong = [word for word in words if any("\ud800" <= c <= "\udfff" for c in word)]
-    if wrong:
-        raise InputError([Issue("the argument is not UTF-8", (word,), word, "write it as UTF-8") for word in wrong])
-
-
 def _report_error(error: BaseException, debug: bool, as_json: bool) -> int:
-    """The exit code of an error, which is reported on standard error where that takes anything.
-
-    Its document goes to standard output where JSON was asked for, unless that has the document of a solution already.
-    """
-    solved = getattr(error, "solution", None) is not None
+    """The exit code of an error, after its text on standard error, and its document where JSON was asked for."""
+    solved = getattr(error, "solution", None) is not None  # its document is there already
     try:
         if as_json and not solved and isinstance(error, PostureOptError | click.ClickException):
-            click.echo(_error_json(error))
+            if isinstance(error, click.ClickException):
+                told: PostureOptError = InputError(Issue(error.format_message(), id="input.usage"))
+            else:
+                told = error
+            click.echo(json.dumps(told.to_json(), indent=2, ensure_ascii=False))
         return _exit_code(error, debug)
     except OSError:
         discard(sys.stderr)
         return _exit_code(error, debug)
 
 
-def _error_json(error: PostureOptError | click.ClickException) -> str:
-    """The document of an error, as JSON text."""
-    if isinstance(error, click.ClickException):
-        error = InputError(Issue(error.format_message(), id="input.usage"))
-    return json.dumps(error.to_json(), indent=2, ensure_ascii=False)
-
-
 def _exit_code(error: BaseException, debug: bool) -> int:
-    """Report an error and return its exit code; the traceback under ``--debug`` alone.
-
-    2 for usage and memory, 2 to 4 for errors of this package by their class, 1 for anything else; a reader that closed
-    the pipe is no error. An error that is not of this package is called a defect of the program.
-    """
     if isinstance(error, KeyboardInterrupt):
-        _print_error("interrupted")
-        return exit_code_of(error)
+        click.echo("interrupted", err=True)
+        return 128 + (error.number if isinstance(error, Ended) else signal.SIGINT)  # as shells have it
     if isinstance(error, click.ClickException):
         error.show()
         return 2
-    if isinstance(error, OSError):
-        if debug:
-            traceback.print_exception(error)
-        code, text = output_fault(error)
-        discard(sys.stdout)
-        _print_error(f"error: {text}" if text else "")
-        return code
     if debug:
         traceback.print_exception(error)
+    if isinstance(error, OSError):
+        discard(sys.stdout)
+        if isinstance(error, BrokenPipeError):
+            return 0  # a reader that closed the pipe has seen enough
+        reason = "it is closed" if error.errno == errno.EBADF else error.strerror or str(error)
+        click.echo(f"error: cannot write to {error.filename or 'standard output'}: {reason}", err=True)
+        return 2
     if isinstance(error, PostureOptError):
-        _print_error(_error_text(error))
+        lines = str(error).splitlines() or [type(error).__name__]
+        several = f"{len(error.issues)} errors:" if isinstance(error, InputError) else "error:"
+        click.echo(f"error: {lines[0]}" if len(lines) == 1 else "\n  ".join([several, *lines]), err=True)
         return error.exit_code
     if isinstance(error, MemoryError) or _unmapped(error):
-        _print_error("error: memory does not suffice – take fewer --workers, rows or targets")
+        click.echo("error: memory does not suffice – take fewer --workers, rows or targets", err=True)
         return 2
     hint = "" if debug else " (a defect of this program; --debug shows where)"
-    _print_error(f"error: {type(error).__name__}: {error}".splitlines()[0] + hint)
+    click.echo(f"error: {type(error).__name__}: {error}".splitlines()[0] + hint, err=True)
     return 1
 
 
@@ -220,21 +248,6 @@ def _unmapped(error: BaseException) -> bool:
     while isinstance(error, ImportError) and "failed to map" not in str(error):
         error = error.__cause__ or error.__context__ or ValueError()
     return isinstance(error, ImportError)
-
-
-def _print_error(text: str) -> None:
-    """A line on standard error, nothing for an empty text."""
-    if text:
-        click.echo(text, err=True)
-
-
-def _error_text(error: PostureOptError) -> str:
-    """An error of ours as text: one line, or a count and a line for each issue."""
-    lines = str(error).splitlines() or [type(error).__name__]
-    if len(lines) == 1:
-        return f"error: {lines[0]}"
-    head = f"{len(error.issues)} errors:" if isinstance(error, InputError) else "error:"
-    return "\n  ".join([head, *lines])
 
 
 @click.command(
@@ -260,7 +273,7 @@ def main(ctx: click.Context, /, common: Common, explain: bool, **given: str | No
     """
     if ctx.invoked_subcommand is not None:
         stated = [name for name, value in given.items() if value] + ["explain"] * explain
-        names = {f.name: f.default for f in fields(Common) if f.name != "debug"}  # --debug counts anywhere
+        names = {f.name: f.default for f in fields(Common)}  # --debug counts anywhere
         stated += [{"plots": "no-plots"}.get(n, n) for n, usual in names.items() if getattr(common, n) != usual]
         if stated:
             raise click.UsageError(f"Write --{stated[0].replace('_', '-')} after '{ctx.invoked_subcommand}'.", ctx)

@@ -1,194 +1,134 @@
-"""``optimize-posture calibrate`` and ``diagnose``: what measurements of one robot, or of several, say.
+"""``optimize-posture calibrate``, ``diagnose`` and ``recheck``: what measurements of robots say.
 
-Data with a column of robots go to the functions for a batch, all others to those for one robot. Without a problem file
-one is made for the data, with base and tool free, and written for editing.
+Without a problem file one is made for the data, with base and tool free, and written for editing.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial, wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import click
 
 import posture_opt as po
 from posture_opt.cli import deferred
-from posture_opt.cli.asked.named_values import PATH
-from posture_opt.cli.asked.options import Command, Common, add_options, common_options, problem_options
-from posture_opt.cli.output import output, save_result, show_result, write_text
+from posture_opt.cli.completion import PATH
+from posture_opt.cli.options import Command, Common, add_options, common_options, problem_options
+from posture_opt.cli.output import OUT, output, save_result, show_result, write_text
 from posture_opt.cli.progress import progress_bar
 from posture_opt.errors import InputError, InsufficientDataError, Issue
 from posture_opt.files import content, is_file
+from posture_opt.output import write_file
 
 if TYPE_CHECKING:
-    from posture_opt.calibration.estimation.error_statistics import By
-    from posture_opt.problem.problem import Problem
     from posture_opt.result import Result
-
-OfOne: TypeAlias = "Callable[[Problem, po.Measurements, po.Measurements | None], Result]"
-"""Problem, measurements and test file of one robot -> the result."""
-OfBatch: TypeAlias = "Callable[[Problem, po.Measurements], Result]"
 
 
 @dataclass(frozen=True)
 class Session:
-    """The measurements that are asked about, and how errors are predicted.
+    """The files of measurements, column -> header or number of a foreign file, and keywords of what is computed.
 
-    Args:
-        data: of the robot; ``test`` those of another session, predicted and not fitted.
-        refit_frames: whether base and tool are fitted to the test file again.
-        by: what cross-validation holds out together, in ``folds`` parts.
-        plan: whether the task is planned again with the identified arm.
-        columns: known name -> column header or number of a foreign file.
+    ``of_one`` are those for one robot, ``of_any`` those for one or several.
     """
 
     data: Path
     test: Path | None
-    refit_frames: bool
-    by: By | None
-    folds: int
-    plan: bool
     columns: Mapping[str, str | int]
-    most_rows: Mapping[str, int]
-    """``most_rows``, where it was stated."""
+    of_one: Mapping[str, Any]
+    of_any: Mapping[str, Any]
 
 
 def measured_options(command: Command) -> Command:
-    """Adds the argument DATA.csv and what goes with it, which the command gets as ``session``."""
+    """Add the argument DATA.csv and what goes with it, which the command gets as ``session``."""
 
     @wraps(command)
-    def with_session(*args: Any, data: Path, test: Path | None, refit_frames: bool, **others: Any) -> Any:
-        by, folds, plan = others.pop("by"), others.pop("folds"), not others.pop("no_plan")
-        named, rows = deferred.columns_of(others.pop("column")), others.pop("rows")
-        most = {} if rows is None else {"most_rows": rows}
-        return command(*args, session=Session(data, test, refit_frames, by, folds, plan, named, most), **others)
+    def with_session(
+        *args: Any, data: Path, test: Path | None, refit_frames: bool, by: str | None, folds: int, no_plan: bool,
+        column: tuple[str, ...], rows: int | None, **others: Any,
+    ) -> Any:  # fmt: skip
+        if refit_frames and test is None:
+            raise click.UsageError("--refit-frames goes with --test.")
+        of_any = {"folds": folds, "by": by, **({} if rows is None else {"most_rows": rows})}
+        of_one = {"refit_frames": refit_frames, "plan": not no_plan}
+        session = Session(data, test, deferred.quantities.columns_of(column), of_one, of_any)
+        return command(*args, session=session, **others)
 
     own = add_options(
         with_session,
         click.argument("data", type=PATH, metavar="DATA.csv"),
-        click.option(
-            "--test",
-            type=PATH,
-            metavar="OTHER.csv",
-            help="Measurements of another session, used as a test set.",
-        ),
+        click.option("--test", type=PATH, metavar="OTHER.csv",
+                     help="Measurements of another session, used as a test set."),
         click.option("--refit-frames", is_flag=True, help="Refit base and tool to the test file."),
-        click.option(
-            "--by",
-            type=click.Choice(["pose", "block", "place", "stretch"]),
-            help="What cross-validation holds out together: a pose, a block of the workspace, a touched point, a "
-            "stretch of a path.",
-        ),
-        click.option(
-            "--folds", type=click.IntRange(min=2), default=5, show_default=True, help="Of the cross-validation."
-        ),
-        click.option(
-            "--column",
-            "column",
-            metavar="NAME=HEAD",
-            multiple=True,
-            help='What a column of a foreign file is: --column "x=Pos X [mm]", or its number: x=7.',
-        ),
-        click.option(
-            "--rows",
-            type=click.IntRange(min=1),
-            help="Thin larger files evenly to so many rows; the others judge the result.  "
-            "[default: 100000 to calibrate, 4000 to diagnose]",
-        ),
+        click.option("--by", type=click.Choice(["pose", "block", "place", "stretch"]),
+                     help="What cross-validation holds out together: a pose, a block of the workspace, a touched "
+                     "point, a stretch of a path."),
+        click.option("--folds", type=click.IntRange(min=2), default=5, show_default=True,
+                     help="Of the cross-validation."),
+        click.option("--column", "column", metavar="NAME=HEAD", multiple=True,
+                     help='What a column of a foreign file is: --column "x=Pos X [mm]", or its number: x=7.'),
+        click.option("--rows", type=click.IntRange(min=1),
+                     help="Thin larger files evenly to so many rows; the others judge the result.  "
+                     "[default: 100000 to calibrate, 4000 to diagnose]"),
         click.option("--no-plan", is_flag=True, help="Do not re-plan the task with the identified arm."),
-    )
+    )  # fmt: skip
     return problem_options(own)
 
 
-def answer(common: Common, session: Session, given: dict[str, str | None], of_one: OfOne, of_batch: OfBatch) -> None:
-    """Reads the measurements and shows what they say, those of one robot or those of several.
-
-    Args:
-        given: the options that name problem and robot, by their names.
-        of_one: what is computed for one robot; ``of_batch`` for several.
-
-    Raises:
-        UsageError: ``--refit-frames`` without a test file, or a test file with several robots.
-    """
-    if session.refit_frames and session.test is None:
-        raise click.UsageError("--refit-frames goes with --test.")
-    made = given["problem"] is None and given["robot"] is not None and not deferred.names_problem_file(given["robot"])
+def answer(
+    common: Common, session: Session, given: dict[str, str | None], doing: str,
+    one: Callable[..., Result], several: Callable[..., Result],
+) -> None:  # fmt: skip
+    """Read the measurements and show what they say: of one robot by ``one(problem, data, …)``, or of ``several``."""
+    robot, request = given["robot"], deferred.request
+    made = given["problem"] is None and robot is not None and not request.names_problem_file(robot)
     if made:
-        problem = deferred.problem_of_data(session.data, columns=session.columns, **_without_problem(given))
+        of_robot = {key: value for key, value in given.items() if key != "problem"}
+        problem = request.problem_of_data(session.data, columns=session.columns, **of_robot)
     else:
-        problem = deferred.with_columns(deferred.requested_problem(**given), session.columns)
-    starter = StarterFile.of(common, session.data, problem) if made else StarterFile()
-    with output(common), deferred.placed(problem):
-        measured = _read(common, session.data, problem)
-        if len(measured.robot_names) > 1:
-            if session.test is not None:
-                raise click.UsageError("--test goes with measurements of one robot, and the data are of several.")
-            found = of_batch(problem, measured)
-        else:
+        problem = request.with_columns(request.requested_problem(**given), session.columns)
+    beside = _starter_files(common.out, problem) if made and common.out is not None else {}
+    with output(common), request.placed(problem):
+        measured, keywords = _read(common, session.data, problem), {**session.of_any}
+        many = len(measured.robot_names) > 1
+        if many and session.test is not None:
+            raise click.UsageError("--test goes with measurements of one robot, and the data are of several.")
+        if not many:
             other = None if session.test is None else _read(common, session.test, problem)
-            found = of_one(problem, measured, other)
-        save_result(common, found, starter.beside)
+            keywords |= {"test": other, "seed": common.seed, **session.of_one}
+        with progress_bar(common, f"{doing} robots" if many else doing) as progress:
+            found = (several if many else one)(problem, measured, **keywords, progress=progress)
+        save_result(common, found, beside)
         show_result(common, found)  # what the report is held against is computed here
-        starter.write(common)
+        if made and common.out is None and not common.json and not common.quiet:
+            _write_starter(Path(f"{session.data.stem}_problem.yaml"), problem.to_yaml())
 
 
 def _read(common: Common, path: Path, problem: po.Problem) -> po.Measurements:
-    """The measurements of a file; very many rows take a while."""
-    with progress_bar(common, f"reading {path.name}"):
+    with progress_bar(common, f"reading {path.name}"):  # very many rows take a while
         return po.read_measurements(path, problem)
 
 
-def _without_problem(given: dict[str, str | None]) -> dict[str, Any]:
-    """The options but ``--problem``."""
-    return {key: value for key, value in given.items() if key != "problem"}
+def _starter_files(out: Path, problem: po.Problem) -> Mapping[str, bytes]:
+    """The problem file that was made for the data, by name; one that somebody may have edited is not replaced."""
+    files = problem.files("problem")
+    for name, made in files.items():
+        there = out / name
+        if is_file(there) and content(there, deferred.yaml_source.MAX_BYTES) != made:
+            hint = f"name it with --problem {there} in place of --robot, or choose another folder"
+            raise InputError(Issue(f"{there} exists and says something else", OUT, str(out), hint))
+    return files
 
 
-@dataclass(frozen=True)
-class StarterFile:
-    """The problem file that was made for measurements without one.
-
-    Args:
-        beside: by file name, with the results in ``--out``.
-        alone: its path in the working folder, where no folder is given; written where the report is printed.
-        text: of that file.
-    """
-
-    beside: Mapping[str, bytes] = field(default_factory=dict)
-    alone: Path | None = None
-    text: str = ""
-
-    @classmethod
-    def of(cls, common: Common, data: Path, problem: Problem) -> StarterFile:
-        """The file, not written yet.
-
-        Raises:
-            InputError: the folder for results has another one, which somebody may have edited.
-        """
-        if common.out is None:
-            return cls(alone=Path(f"{data.stem}_problem.yaml"), text=problem.to_yaml())
-        files = problem.files("problem")
-        for name, made in files.items():
-            there = common.out / name
-            if is_file(there) and content(there, deferred.MAX_BYTES) != made:
-                hint = f"name it with --problem {there} in place of --robot, or choose another folder"
-                raise InputError(Issue(f"{there} exists and says something else", ("--out",), str(common.out), hint))
-        return cls(files)
-
-    def write(self, common: Common) -> None:
-        """Writes the file to the working folder, unless there is one, and says so.
-
-        A file that exists and differs is left as it is: somebody may have edited it.
-        """
-        if self.alone is None or common.json or common.quiet:
-            return
-        if not self.alone.exists():
-            write_text(self.alone, self.text)
-            click.echo(f"{self.alone} is the problem file of this call: edit it, and name it with --problem.")
-        elif content(self.alone, deferred.MAX_BYTES) != self.text.encode():
-            click.echo(f"{self.alone} exists and was left as it is: it is used with --problem {self.alone}.")
+def _write_starter(path: Path, text: str) -> None:
+    """Write the made problem file to the working folder, unless there is one, and say so."""
+    if not path.exists():
+        write_text(path, text)
+        click.echo(f"{path} is the problem file of this call: edit it, and name it with --problem.")
+    elif content(path, deferred.yaml_source.MAX_BYTES) != text.encode():
+        click.echo(f"{path} exists and was left as it is: it is used with --problem {path}.")
 
 
 @click.command("calibrate")
@@ -197,34 +137,8 @@ class StarterFile:
 @common_options
 def calibrate_command(common: Common, session: Session, no_priors: bool, **given: str | None) -> None:
     """What the simulation gets wrong, and the parameters of the arm that the measurements determine."""
-
-    of_one = partial(_calibrated, common, session, not no_priors)
-    answer(common, session, given, of_one, partial(_calibrated_batch, common, session))
-
-
-def _calibrated_batch(common: Common, session: Session, problem: po.Problem, data: po.Measurements) -> Result:
-    """Calibrate several robots of one type with a progress bar, one step a robot."""
-    with progress_bar(common, "calibrating robots") as progress:
-        return po.calibrate_batch(
-            problem, data, folds=session.folds, by=session.by, progress=progress, **session.most_rows
-        )
-
-
-def _calibrated(
-    common: Common,
-    session: Session,
-    priors: bool,
-    problem: po.Problem,
-    measured: po.Measurements,
-    other: po.Measurements | None,
-) -> Result:
-    """Calibrate one robot with a progress bar."""
-    with progress_bar(common, "calibrating") as progress:
-        return po.calibrate(
-            problem, measured, priors=priors, folds=session.folds, by=session.by, test=other,
-            refit_frames=session.refit_frames, plan=session.plan, seed=common.seed, progress=progress,
-            **session.most_rows,
-        )  # fmt: skip
+    one = partial(po.calibrate, priors=not no_priors)
+    answer(common, session, given, "calibrating", one, po.calibrate_batch)
 
 
 @click.command("diagnose")
@@ -234,39 +148,42 @@ def _calibrated(
 def diagnose_command(common: Common, session: Session, with_time: bool, **given: str | None) -> None:
     """What the simulation gets wrong, why, and how much better it is once the cause is part of the model."""
 
-    of_one = partial(_diagnosed, common, session, with_time)
-    answer(common, session, given, of_one, partial(_diagnosed_batch, common, session))
+    def one(problem: po.Problem, data: po.Measurements, **keywords: Any) -> Result:
+        try:
+            return po.diagnose(problem, data, with_time=with_time, **keywords)
+        except InsufficientDataError as error:  # a verdict, too
+            error.answer = {"verdict": "insufficient_data", "effects": [], "candidates": [], "message": str(error)}
+            raise
+
+    answer(common, session, given, "diagnosing", one, partial(po.diagnose_batch, seed=common.seed))
 
 
-def _diagnosed_batch(common: Common, session: Session, problem: po.Problem, data: po.Measurements) -> Result:
-    """Diagnose several robots of one type with a progress bar."""
-    with progress_bar(common, "diagnosing robots") as progress:
-        return po.diagnose_batch(
-            problem, data, folds=session.folds, by=session.by, seed=common.seed, progress=progress,
-            **session.most_rows,
-        )  # fmt: skip
+@click.command("recheck")
+@click.argument("data", type=PATH, metavar="NEW.csv")
+@problem_options
+@click.option(
+    "--update", is_flag=True, help="Write rechecked.yaml, the file with only that changed, into --out or here."
+)
+@common_options
+def recheck_command(common: Common, data: Path, update: bool, **given: str | None) -> None:
+    """Whether the arm is still the one that was calibrated, and if not, what changed.
 
-
-def _diagnosed(
-    common: Common,
-    session: Session,
-    with_time: bool,
-    problem: po.Problem,
-    measured: po.Measurements,
-    other: po.Measurements | None,
-) -> Result:
-    """Diagnose one robot with a progress bar; data that do not suffice are reported as a verdict, too.
-
-    Raises:
-        InsufficientDataError: what to measure is in its message.
+    NEW.csv has 5 to 30 new postures ('plan-measurements --for recheck' chooses ten), the problem file the calibrated
+    arm with its covariance: calibrated.yaml or extended.yaml. The answer is one of: unchanged; one thing changed
+    (tool, base, the zero of a joint, a link, backlash or compliance of a joint), with its size and its rivals; more
+    than one thing.
     """
-    try:
-        with progress_bar(common, "diagnosing") as progress:
-            return po.diagnose(
-                problem, measured, folds=session.folds, by=session.by, seed=common.seed, test=other,
-                refit_frames=session.refit_frames, with_time=with_time, plan=session.plan, progress=progress,
-                **session.most_rows,
-            )  # fmt: skip
-    except InsufficientDataError as error:
-        error.answer = {"verdict": "insufficient_data", "effects": [], "candidates": [], "message": str(error)}
-        raise
+    problem = deferred.request.requested_problem(**given)
+    with output(common), deferred.request.placed(problem):
+        with progress_bar(common, "comparing what may have changed"):
+            found = po.recheck(problem, po.read_measurements(data, problem), seed=common.seed)
+        files = found.updated.files("rechecked") if update and found.updated is not None else {}
+        save_result(common, found, files)
+        if common.out is None:
+            for name, content in files.items():
+                write_file(Path(name), content, OUT)
+    show_result(common, found)
+    if update and not common.json and not common.quiet:
+        written = "rechecked.yaml" if common.out is None else common.out / "rechecked.yaml"
+        none = "rechecked.yaml was not written: no single change is named."
+        click.echo(none if found.updated is None else f"{written} is the file with only that changed.")

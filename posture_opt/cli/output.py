@@ -1,7 +1,4 @@
-"""What commands write: their documents and reports, and files.
-
-With ``--json`` the document alone goes to standard output; with ``--quiet`` nothing does.
-"""
+"""What commands write: their documents and reports, and files."""
 
 from __future__ import annotations
 
@@ -13,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from posture_opt.cli.asked.options import Common
+from posture_opt.cli.options import Common
 from posture_opt.cli.progress import progress_bar
 from posture_opt.output import json_text, writable_folder, write_file
 
@@ -25,11 +22,7 @@ OUT = ("--out",)
 
 
 def show(common: Common, document: Callable[[], Mapping[str, Json]], text: Callable[[], str]) -> None:
-    """Print the JSON document or the report, whichever is asked for.
-
-    Args:
-        document: makes the document; ``text`` the report. Only one of them is called, as either may take time.
-    """
+    """Print the JSON document or the report, whichever is asked for."""
     if common.json:
         click.echo(json_text(document()))
     elif not common.quiet:
@@ -44,11 +37,7 @@ def show_result(common: Common, result: Result) -> None:
 
 
 def save_result(common: Common, result: Result, beside: Mapping[str, bytes] | None = None) -> None:
-    """Save a result into ``--out``, where that is given.
-
-    Args:
-        beside: further files of the folder, by name: all are written, or none.
-    """
+    """Save a result into ``--out``, where that is given."""
     if common.out is not None:
         with progress_bar(common, "report and figures" if common.plots else "report") as progress:
             result.save(common.out, figures=common.plots, beside=beside, progress=progress)
@@ -56,11 +45,7 @@ def save_result(common: Common, result: Result, beside: Mapping[str, bytes] | No
 
 @contextmanager
 def output(common: Common) -> Iterator[None]:
-    """Makes sure that results can be saved before they are computed, and cleans up when the program is ended.
-
-    Raises:
-        InputError: the folder cannot be written to; nothing was computed yet.
-    """
+    """Makes sure that results can be saved before they are computed, and cleans up when the program is ended."""
     if common.out is None:
         yield
         return
@@ -69,21 +54,8 @@ def output(common: Common) -> Iterator[None]:
 
 
 def write_text(path: Path | None, text: str) -> None:
-    """Print ``text``, or write it to ``path`` in one go.
-
-    Raises:
-        InputError: the file cannot be written.
-    """
+    """Print ``text``, or write it to ``path`` in one go."""
     if path is None:
         click.echo(text.rstrip("\n"))
         return
     write_file(path, text.encode(), OUT)
-
-
-def write_content(path: Path, content: bytes) -> None:
-    """Write one file in one go; one of this name is replaced.
-
-    Raises:
-        InputError: the file cannot be written.
-    """
-    write_file(path, content, OUT)

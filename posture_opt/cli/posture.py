@@ -1,65 +1,43 @@
-"""Commands on one posture: the solve itself, ``uncertainty`` and ``simulate``.
-
-Each reads a problem and a posture, computes, saves into ``--out`` and prints one report.
-"""
+"""Commands on one posture: the solve itself, ``uncertainty``, ``simulate`` and ``explore``."""
 
 from __future__ import annotations
 
+from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 import posture_opt as po
 from posture_opt.cli import deferred
-from posture_opt.cli.asked.options import Common, common_options, posture_option, problem_options
+from posture_opt.cli.completion import PATH
+from posture_opt.cli.options import Common, common_options, debug_option, posture_option, problem_options, task_options
 from posture_opt.cli.output import output, save_result, show, show_result
 from posture_opt.cli.progress import progress_bar
 from posture_opt.errors import NoSolutionError
 
 if TYPE_CHECKING:
-    from posture_opt.problem.problem import Problem
+    pass
 
 
 def solve(common: Common, explain: bool, **given: str | None) -> None:
-    """Select the posture of the requested problem, write the files, print the report.
-
-    A problem without a solution has files and a report too: the nearest posture, and what it violates. The error is
-    raised after both are written.
-
-    Args:
-        explain: print the optimisation problem with its values at the solution.
-        given: the options of problem, robot and task, by their names.
-
-    Raises:
-        NoSolutionError: no posture meets all requirements; exit code 3.
-        InputError: the options or the file do not fit.
-    """
+    """Select the posture of the requested problem, write the files, print the report."""
     if given["robot"] and not given["task"]:
         raise click.UsageError("Name the --task of the robot, for example --task insert.")
-    problem = deferred.requested_problem(**given)
+    problem = deferred.request.requested_problem(**given)
     with output(common):
-        solution, reason = _solved(problem, common)
-        save_result(common, solution)
-    show(common, solution.to_json, lambda: _text(solution, explain, common.full))
+        reason = None
+        with progress_bar(common, "searching") as progress, deferred.request.placed(problem):
+            try:
+                found = po.select_posture(problem, seed=common.seed, workers=common.workers, progress=progress)
+            except NoSolutionError as error:
+                if error.solution is None:
+                    raise
+                found, reason = error.solution, error  # the nearest posture, and what it violates
+        save_result(common, found)
+    show(common, found.to_json, lambda: found.report(full=common.full) + (f"\n{found.explain()}" if explain else ""))
     if reason is not None:
         raise reason
-
-
-def _solved(problem: Problem, common: Common) -> tuple[po.Solution, NoSolutionError | None]:
-    """The solution, or the nearest posture with the reason why it is none."""
-    with progress_bar(common, "searching") as progress, deferred.placed(problem):
-        try:
-            return po.select_posture(problem, seed=common.seed, workers=common.workers, progress=progress), None
-        except NoSolutionError as error:
-            if error.solution is None:
-                raise
-            return error.solution, error
-
-
-def _text(solution: po.Solution, explain: bool, full: bool) -> str:
-    """The report, with the optimisation problem behind it where that is asked for."""
-    text = solution.report(full=full)
-    return f"{text}\n{solution.explain()}" if explain else text
 
 
 @click.command("uncertainty")
@@ -68,9 +46,9 @@ def _text(solution: po.Solution, explain: bool, full: bool) -> str:
 @common_options
 def uncertainty_command(common: Common, posture: str, **given: str | None) -> None:
     """Covariance, ellipse, coverage regions and error budget at one posture, in closed form."""
-    problem = deferred.requested_problem(**given)
-    values = deferred.requested_posture(posture, problem.robot)
-    with output(common), deferred.placed(problem):
+    problem = deferred.request.requested_problem(**given)
+    values = deferred.quantities.requested_posture(posture, problem.robot)
+    with output(common), deferred.request.placed(problem):
         with progress_bar(common, "computing"):
             spread = po.propagate(problem, values)
         save_result(common, spread)
@@ -87,11 +65,42 @@ def uncertainty_command(common: Common, posture: str, **given: str | None) -> No
 @common_options
 def simulate_command(common: Common, posture: str, n: int, adaptive: bool, **given: str | None) -> None:
     """Monte Carlo cloud of the tool point at one posture, beside the closed form."""
-    problem = deferred.requested_problem(**given)
-    values = deferred.requested_posture(posture, problem.robot)
+    problem = deferred.request.requested_problem(**given)
+    values = deferred.quantities.requested_posture(posture, problem.robot)
     seed = problem.solver.seed if common.seed is None else common.seed
-    with output(common), deferred.placed(problem):
+    with output(common), deferred.request.placed(problem):
         with progress_bar(common, "simulating"):
             cloud = po.simulate(problem, values, n=n, seed=seed, adaptive=adaptive)
         save_result(common, cloud)
     show_result(common, cloud)
+
+
+@click.command("explore")
+@click.argument("data", type=PATH, metavar="[DATA.csv]", required=False)
+@problem_options
+@task_options
+@click.option(
+    "--host", default="127.0.0.1", show_default=True,
+    help="Address of this machine; 0.0.0.0: all of them, with a token.",
+)  # fmt: skip
+@click.option(
+    "--port", type=click.IntRange(1, 65535), default=8080, show_default=True, help="Port, or the next one that is free."
+)
+@click.option("--no-browser", is_flag=True, help="Open no browser.")
+@debug_option
+def explore_command(data: Path | None, host: str, port: int, no_browser: bool, **given: str | None) -> None:
+    """Drag the target on a live page, and the best posture follows. Ctrl-C ends it.
+
+    DATA.csv has measurements, whose errors the page shows; --problem can be the folder of a diagnosis or calibration.
+    """
+    problem = deferred.request.requested_problem(**given)
+    with deferred.request.placed(problem):
+        measured = None if data is None else po.read_measurements(data, problem)
+        page = import_module("posture_opt.explore.explorer").Explorer(problem, host, port, data=measured)
+    with page:
+        click.echo(f"Listening on {page.url}")
+        if page.reach:
+            click.echo(page.reach, err=True)
+        if not no_browser:
+            import_module("webbrowser").open_new_tab(page.url)
+        page.wait()

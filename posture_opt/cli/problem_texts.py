@@ -9,7 +9,7 @@ from pathlib import Path
 from textwrap import indent
 from typing import Any, get_args
 
-from posture_opt.cli.asked.robot_options import RobotOptions
+from posture_opt.cli.request import RobotOptions
 from posture_opt.collision.obstacles import OBSTACLES
 from posture_opt.errors import InputError, Issue
 from posture_opt.export import EXPORTS
@@ -18,33 +18,26 @@ from posture_opt.model.effects import CATALOGUE
 from posture_opt.output import json_text
 from posture_opt.problem.load import load_builtin
 from posture_opt.problem.schema import TITLE, json_schema
-from posture_opt.problem.starter import starter_text
-from posture_opt.problem.urdf_starter import urdf_starter_text
-from posture_opt.report.text.text import terminal_width
-from posture_opt.report.text.text_table import text_table
+from posture_opt.problem.starter import starter_text, urdf_starter_text
+from posture_opt.report.text.text import terminal_width, text_table
 from posture_opt.robot import load_preset
 from posture_opt.selection.registered_tasks import every_task, registered_tasks
 from posture_opt.selection.solvers import SOLVERS
 from posture_opt.selection.terms import TERMS
 from posture_opt.statements import every_entry
 
-_MAX_SCHEMA_BYTES = 10_000_000  # bytes of a schema, which has some hundred thousand
 Row = dict[str, str]
 
 
 def listing(as_json: bool) -> str:
     """All kinds and all names that travel with the package, as text or as a JSON document."""
     tables = {title: rows() for title, rows in TABLES.items()}
-    return json_text({key.replace(" ", "_"): rows for key, rows in tables.items()}) if as_json else _text(tables)
-
-
-def _text(tables: dict[str, list[Row]]) -> str:
-    """The tables as text, each under its title."""
+    if as_json:
+        return json_text({key.replace(" ", "_"): rows for key, rows in tables.items()})
     return "\n\n".join(f"{title.capitalize()}\n{indent(_table(rows), '  ')}" for title, rows in tables.items())
 
 
 def _table(rows: list[Row]) -> str:
-    """Rows as a table of the terminal's width; "none so far" without rows."""
     if not rows:
         return "none so far"
     cells, width = [tuple(row.values()) for row in rows], terminal_width() - 2
@@ -52,75 +45,47 @@ def _table(rows: list[Row]) -> str:
 
 
 def _kinds(specs: Iterable[Any]) -> list[Row]:
-    """Kind and one line of each listed ``Spec``, as the spec itself states them."""
     return [{"kind": get_args(spec.model_fields["kind"].annotation)[0], "is": spec.summary} for spec in specs]
 
 
-def _broken() -> list[Row]:
-    """Tasks of other packages that cannot be used, and why not."""
-    return [
-        {"kind": task.name, "is": f"cannot be used: {task.reason} ({task.package})"}
-        for task in registered_tasks().broken
-    ]
+def _tasks() -> list[Row]:
+    """The tasks, and those of other packages that cannot be used."""
+    broken = registered_tasks().broken
+    reasons = [{"kind": task.name, "is": f"cannot be used: {task.reason} ({task.package})"} for task in broken]
+    return [*_kinds(every_task()), *reasons]
 
 
 def _presets() -> list[Row]:
-    """Name, robot, number of joints and repeatability of each preset."""
-    robots = {name: load_preset(name) for name in preset_names()}
-    return [
-        {
-            "name": name,
-            "robot": robot.name,
-            "joints": str(robot.n),
-            "repeatability": f"{robot.repeatability.value * 1e3:g} mm" if robot.repeatability else "not stated",
-        }
-        for name, robot in robots.items()
-    ]
-
-
-def _problems() -> list[Row]:
-    """Name and title of each built-in problem."""
-    return [{"name": name, "is": load_builtin(name).name} for name in builtin_names()]
+    rows = []
+    for name in preset_names():
+        robot = load_preset(name)
+        sheet = f"{robot.repeatability.value * 1e3:g} mm" if robot.repeatability else "not stated"
+        rows.append({"name": name, "robot": robot.name, "joints": str(robot.n), "repeatability": sheet})
+    return rows
 
 
 TABLES: dict[str, Callable[[], list[Row]]] = {
-    "tasks": lambda: [*_kinds(every_task()), *_broken()],
+    "tasks": _tasks,
     "effects": lambda: _kinds(CATALOGUE),
     "presets": _presets,
     "solvers": lambda: _kinds(SOLVERS),
     "terms": lambda: _kinds(TERMS),
     "obstacles": lambda: _kinds(OBSTACLES),
     "exports": lambda: _kinds(EXPORTS),
-    "built-in problems": _problems,
+    "built-in problems": lambda: [{"name": name, "is": load_builtin(name).name} for name in builtin_names()],
 }
 
 
 def starter(robot: str, base_link: str | None, tip_link: str | None, out: Path | None, force: bool) -> str:
-    """A commented problem file for a preset or a URDF file, to be written to ``out``.
-
-    Raises:
-        InputError: there is no such robot, or ``out`` exists and shall not be replaced.
-        UsageError: options that do not go together.
-    """
+    """A commented problem file for a preset or a URDF file, to be written to ``out``."""
     options = RobotOptions(robot, base_link, tip_link)
     options.check()
     if out is not None and out.exists() and not force:
-        raise InputError(
-            Issue(f"{out} exists", ("--out",), str(out), "choose another name, or replace it with --force")
-        )
-    return _starter(options, Path() if out is None else out.parent)
-
-
-def _starter(options: RobotOptions, folder: Path) -> str:
-    """The commented problem file of a preset or a URDF file.
-
-    Raises:
-        InputError: there is no such preset, or the file cannot be read; by the option that names it.
-    """
-    robot = str(options.robot)
+        hint = "choose another name, or replace it with --force"
+        raise InputError(Issue(f"{out} exists", ("--out",), str(out), hint))
     try:
         if options.is_robot_file:
-            return urdf_starter_text(Path(robot), options.base_link, options.tip_link, folder)
+            return urdf_starter_text(Path(robot), base_link, tip_link, Path() if out is None else out.parent)
         return starter_text(robot)
     except InputError as error:
         keys = {"base_link": "--base-link", "tip_link": "--tip-link"}
@@ -130,12 +95,8 @@ def _starter(options: RobotOptions, folder: Path) -> str:
 
 
 def schema_text(out: Path | None) -> str:
-    """The JSON Schema of problem files, to be written to ``out``.
-
-    Raises:
-        InputError: ``out`` exists and is something else.
-    """
-    if out is not None and is_file(out) and TITLE.encode() not in content(out, _MAX_SCHEMA_BYTES):
+    """The JSON Schema of problem files, to be written to ``out``."""
+    if out is not None and is_file(out) and TITLE.encode() not in content(out, 10_000_000):
         hint = "choose another name"
         raise InputError(Issue(f"{out} exists and is no schema of problem files", ("--out",), str(out), hint))
     schema = {"$schema": "https://json-schema.org/draft/2020-12/schema", **json_schema()}

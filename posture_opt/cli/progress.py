@@ -1,7 +1,4 @@
-"""A progress bar in one line of a terminal, which shows that the program works on until it has answered.
-
-Standard error has the bar, so that reports can be redirected. It appears after two seconds and is removed at the end.
-"""
+"""A progress bar in one line of a terminal, which shows that the program works on until it has answered."""
 
 from __future__ import annotations
 
@@ -17,31 +14,23 @@ from typing import TYPE_CHECKING, TextIO
 
 import click
 
-from posture_opt.cli.asked.options import Common
+from posture_opt.cli.options import Common
 
 if TYPE_CHECKING:
     from posture_opt.numerics import Progress
 
 DELAY = 2.0  # s; what is done by then needs no bar
-STAGE_DELAY = 0.3  # s of one stage of a longer work: what is shorter would only flicker
-PAUSE = 0.1  # s between two drawings: faster than this nobody reads
-TICK = 0.5  # s; so often the time goes on where nothing else changes
-CELLS = 30
 _BEGUN = time.monotonic()  # a command line program does one thing: it begins with its imports
 
 
 @contextmanager
 def progress_bar(common: Common, what: str) -> Iterator[Progress | None]:
-    """A callback (done, total) that draws a bar on a terminal, after two seconds; None where nobody looks.
-
-    The stages of one command have a bar each, one after the other, and the two seconds count once. Between two calls
-    the time goes on; where there is none, the line shows how long the stage takes already.
-    """
+    """A callback (done, total) that draws a bar on a terminal, after two seconds; None where nobody looks."""
     if common.quiet or common.json or not sys.stderr.isatty():
         yield None
         return
     now = time.monotonic()
-    bar = ProgressBar(what, sys.stderr, delay=max(_BEGUN + DELAY - now, STAGE_DELAY))
+    bar = ProgressBar(what, sys.stderr, delay=max(_BEGUN + DELAY - now, 0.3))  # a shorter stage would only flicker
     with _ticking(bar.tick):
         try:
             yield bar.show
@@ -57,9 +46,6 @@ class ProgressBar:
     The time left is ``spent · (total − done) / done``.
 
     Args:
-        what: is being done, in words.
-        stream: a terminal.
-        clock: seconds that only grow; another one in tests.
         delay: before the first drawing [s].
     """
 
@@ -85,7 +71,7 @@ class ProgressBar:
         # A tick can come in the middle of a drawing.
         if now < self._next or self._drawing:
             return
-        self._next = now + PAUSE
+        self._next = now + 0.1  # faster than this nobody reads
         spent = now - self._begun
         if not self._done:
             so_far = f"{_minutes(spent)} so far"
@@ -108,12 +94,10 @@ class ProgressBar:
             self._stream.flush()
 
     def _bar(self) -> str:
-        """The bar and the counts."""
-        filled = CELLS * self._done // self._total
-        return f"{'█' * filled}{'░' * (CELLS - filled)} {self._done}/{self._total}"
+        filled = 30 * self._done // self._total
+        return f"{'█' * filled}{'░' * (30 - filled)} {self._done}/{self._total}"
 
     def _draw(self, line: str) -> None:
-        """Write a line over the one before."""
         self._drawing = True
         line = line[: shutil.get_terminal_size().columns - 1]
         self._stream.write("\r" + line.ljust(self._drawn))
@@ -124,10 +108,6 @@ class ProgressBar:
 
 @contextmanager
 def _ticking(tick: Callable[[], None]) -> Iterator[None]:
-    """Calls ``tick`` again and again while the body runs, by a timer of the system.
-
-    A thread would do as well, but for the processes that searches fork: a timer is not handed on to them.
-    """
     if not hasattr(signal, "setitimer") or threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -136,7 +116,7 @@ def _ticking(tick: Callable[[], None]) -> Iterator[None]:
         tick()
 
     former = signal.signal(signal.SIGALRM, ticked)
-    signal.setitimer(signal.ITIMER_REAL, TICK, TICK)
+    signal.setitimer(signal.ITIMER_REAL, 0.5, 0.5)
     try:
         yield
     finally:
@@ -153,9 +133,4 @@ def print_rate(common: Common, done: int, what: str, seconds: float) -> None:
 
 
 def _minutes(seconds: float) -> str:
-    """Seconds as ``minutes:seconds``.
-
-    >>> _minutes(80.2)
-    '1:20'
-    """
     return f"{round(seconds) // 60}:{round(seconds) % 60:02d}"

@@ -1,17 +1,23 @@
-"""Robot programs written with the files of other commands: their options, and the files."""
+"""``optimize-posture export`` and ``compensate``: the arm, its code, and programs through its postures."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import wraps
+from functools import partial, wraps
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+import posture_opt as po
 from posture_opt.cli import deferred
-from posture_opt.cli.asked.options import Command, Common, add_options
-from posture_opt.export import PROGRAM_FORMATS
+from posture_opt.cli.completion import PATH
+from posture_opt.cli.options import Command, Common, add_options, common_options, problem_options, task_options
+from posture_opt.cli.output import OUT, output, save_result, show, show_result
+from posture_opt.cli.progress import progress_bar
+from posture_opt.export import ARM_FORMATS, PROGRAM_FORMATS
+from posture_opt.output import write_folder
 
 if TYPE_CHECKING:
     from posture_opt.export.robot_program import RobotProgram
@@ -22,7 +28,6 @@ class ProgramRequest:
     """What is asked of a robot program.
 
     Args:
-        kind: its language, as ``--to`` of ``export`` names it; None: no program.
         motion: speed in percent of what the language takes for full, wait at every stop [s], and approach [m].
     """
 
@@ -30,17 +35,12 @@ class ProgramRequest:
     motion: Mapping[str, float | None]
 
     def files(self, common: Common, name: str, program: Callable[..., RobotProgram]) -> dict[str, bytes]:
-        """The program of ``program(speed=…, wait=…)`` by file name; nothing where none is asked for.
-
-        Raises:
-            UsageError: a program without a folder.
-            InputError: the language cannot say it.
-        """
+        """The program of ``program(speed=…, wait=…)`` by file name; nothing where none is asked for."""
         if self.kind is None:
             return {}
         if common.out is None:
             raise click.UsageError("--program goes with --out DIR, which it is written to.")
-        found = deferred.program_files(program(**self.motion), self.kind, name)
+        found = deferred.export_files.program_files(program(**self.motion), self.kind, name)
         return {file: text.encode() for file, text in found.files.items()}
 
 
@@ -77,7 +77,6 @@ def program_options(wait: float, touching: bool = False) -> Callable[[Command], 
 
     Args:
         wait: default at every stop [s].
-        touching: whether the stops may touch something.
     """
 
     def added(command: Command) -> Command:
@@ -86,7 +85,7 @@ def program_options(wait: float, touching: bool = False) -> Callable[[Command], 
             motion: dict[str, float | None] = {"speed": speed, "wait": wait}
             if touching:
                 given = others.pop("approach")
-                motion["approach"] = None if given is None else deferred.distance_of("--approach", given)
+                motion["approach"] = None if given is None else deferred.quantities.distance_of("--approach", given)
             return command(*args, motion=ProgramRequest(program, motion), **others)
 
         option = click.option(
@@ -97,3 +96,78 @@ def program_options(wait: float, touching: bool = False) -> Callable[[Command], 
         return approach_option(found) if touching else found
 
     return added
+
+
+@click.command("compensate")
+@click.argument("targets", type=PATH, metavar="TARGETS.csv")
+@problem_options
+@program_options(0.0, touching=True)
+@common_options
+def compensate_command(common: Common, targets: Path, motion: ProgramRequest, **given: str | None) -> None:
+    """Joint values that bring the tool of this arm, with its corrections and effects, to the targets.
+
+    TARGETS.csv has x, y, z with units, optionally qw, qx, qy, qz, and joint columns that say which posture to stay
+    near; or joint columns alone, which stand for where the nominal arm would be with them. Without joint columns the
+    tool axis, the tilt and the requirements of the task hold, near its posture; the cell is kept clear of either way.
+    JOINT.approach and payload count as in measurements. The answer, compensated.csv, has the rows of the targets in
+    their units.
+    """
+    problem = deferred.request.requested_problem(**given)
+    with output(common), deferred.request.placed(problem):
+        with progress_bar(common, "compensating"):
+            found = po.compensate(problem, targets)
+        program = motion.files(common, "compensated", partial(deferred.robot_program.compensated_program, found))
+        save_result(common, found, program)
+    show_result(common, found)
+
+
+class ExportCommand(click.Command):
+    """The command with the formats in its help, which are read when it is shown."""
+
+    @property
+    def help(self) -> str:
+        """The help text: what the command does, and a line a format."""
+        kinds = deferred.export_files.export_kinds()
+        formats = "\n".join(f"{kind:<11} {listed.summary}" for kind, listed in kinds.items())
+        joints = "Joint values are those of the joints of the model, with its zeros and directions."
+        return f"{self._help}\n\n\b\n{formats}\n\n{joints}\n"
+
+    @help.setter
+    def help(self, text: str) -> None:
+        self._help = text
+
+
+@click.command("export", cls=ExportCommand)
+@problem_options
+@task_options
+@click.option("--to", type=click.Choice([*ARM_FORMATS, *PROGRAM_FORMATS]), required=True, help="The format: see below.")
+@click.option("--name", default="", metavar="NAME", help="Of functions, programs and files.")
+@approach_option
+@click.option("--with-breaks", is_flag=True, help="Write a path that the arm has to leave on its way in parts.")
+@click.option("--posture", metavar="TEXT", help="Stop of a robot program; default: the best posture, planned.")
+@motion_options(0.0)
+@common_options
+def export_command(
+    common: Common, to: str, name: str, approach: str | None, posture: str | None, speed: float, wait: float,
+    with_breaks: bool, **given: str | None,
+) -> None:  # fmt: skip
+    """The arm, its covariance as code, or its posture as a robot program, in another format."""
+    problem = deferred.request.requested_problem(**given)
+    distance = None if approach is None else deferred.quantities.distance_of("--approach", approach)
+    q = None if posture is None else deferred.quantities.requested_posture(posture, problem.robot)
+    with output(common), deferred.request.placed(problem):
+        with progress_bar(common, "exporting"):
+            found = po.export_files(
+                problem, to, name=name, posture=q, speed=speed, wait=wait, approach=distance,
+                with_breaks=with_breaks, seed=common.seed, workers=common.workers,
+            )  # fmt: skip
+        if common.out is not None:
+            write_folder(common.out, {file: text.encode() for file, text in found.files.items()}, OUT)
+
+    def report() -> str:
+        if common.out is None:
+            return "\n".join(found.files.values())
+        notes = [f"Note: {note.rstrip('.')}." for note in found.notes]
+        return "\n".join([f"written to {common.out}: {', '.join(found.files)}", *notes])
+
+    show(common, lambda: {"target": to, "files": dict(found.files), "notes": list(found.notes)}, report)

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING
 
 import click
 
-from posture_opt.cli.asked.named_values import PATH
-from posture_opt.cli.asked.options import Command, Common, add_options
+from posture_opt.cli.completion import PATH
+from posture_opt.cli.options import Command, Common, add_options
 from posture_opt.errors import InputError
 from posture_opt.files import located, naming
 from posture_opt.files import opened as opened_file
-from posture_opt.measurements.text_lines import MAX_BYTES
+from posture_opt.measurements.table import MAX_BYTES
 from posture_opt.workers import Workers, opened
 from posture_opt.workers.checkpoint import Checkpoint
 from posture_opt.workers.dask_cluster import scheduled
@@ -26,8 +26,7 @@ if TYPE_CHECKING:
     from posture_opt.numerics import Json
     from posture_opt.problem.problem import Problem
 
-_BLOCK_BYTES = 1 << 20
-"""Bytes of a file that are read at a time."""
+_BLOCK_BYTES = 1 << 20  # Bytes of a file that are read at a time
 
 
 def scheduler_option(command: Command) -> Command:
@@ -45,11 +44,7 @@ def checkpoint_option(command: Command) -> Command:
 
 @contextmanager
 def working(common: Common, scheduler: str | None, checkpoint: Path | None = None, **asked: Json) -> Iterator[Workers]:
-    """The workers that the options name, which end with the block.
-
-    Args:
-        asked: all that the answer depends on, as JSON has it.
-    """
+    """The workers that the options name, which end with the block."""
     with opened(common.workers) if scheduler is None else scheduled(scheduler, common.workers) as workers:
         if checkpoint is None:
             yield workers
@@ -59,20 +54,13 @@ def working(common: Common, scheduler: str | None, checkpoint: Path | None = Non
 
 
 def digest_of(problem: Problem) -> str:
-    """Hash of all that a problem says, also in the files that it names; 16 hexadecimal digits of SHA-256.
-
-    A checkpoint of another problem has another digest and is refused.
-    """
+    """Hash of all that a problem says, also in the files that it names; 16 hexadecimal digits of SHA-256."""
     whole = {"file": problem.to_yaml(), "robot": asdict(problem.robot), "covariance": problem.sources.covariance}
     return hashlib.sha256(json.dumps(whole, default=_plain).encode()).hexdigest()[:16]
 
 
 def digest_of_file(path: Path | None) -> str | None:
-    """Name of a file and hash of its content; None without a file.
-
-    Raises:
-        InputError: the file cannot be read.
-    """
+    """Name of a file and hash of its content; None without a file."""
     if path is None:
         return None
     try:
@@ -86,6 +74,5 @@ def digest_of_file(path: Path | None) -> str | None:
 
 
 def _plain(value: object) -> Json:
-    """An array as nested lists, anything else that JSON does not know as text."""
     tolist: Callable[[], Json] | None = getattr(value, "tolist", None)  # NumPy is not loaded for one name
     return str(value) if tolist is None else tolist()

@@ -6,42 +6,22 @@ import numpy as np
 
 from posture_opt.numerics import TURN, Array
 
-_FACES_AROUND = 20
-"""Faces around a body of revolution."""
-_FACES_ALONG = 6
-"""Faces along the straight part of a link."""
-_FACES_OF_CAP = 5
-"""Faces from the rim of a hemisphere to its pole."""
-
 
 def quads(grid: Array) -> Array:
-    """(k, 4, 3) the faces between neighbouring points of a grid (a, b, 3) [m]: ``(a − 1)(b − 1)`` of them, corners
-    in turn.
-    """
+    """(k, 4, 3) faces between neighbouring points of a grid (a, b, 3) [m], corners in turn."""
     faces = np.stack([grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]], axis=2)
     return np.asarray(faces.reshape(-1, 4, 3))
 
 
 def rectangle(middle: Array, u: Array, v: Array, pieces: int) -> Array:
-    """(pieces², 4, 3) the faces of the rectangle ``middle ± u ± v`` [m].
-
-    Args:
-        middle: (3,) [m].
-        u, v: (3,) half sides [m].
-        pieces: faces along each side.
-    """
+    """(pieces², 4, 3) faces of ``middle ± u ± v``, each (3,) [m]."""
     t = np.linspace(-1.0, 1.0, pieces + 1)
     return quads(middle + t[:, None, None] * u + t[None, :, None] * v)
 
 
 def revolved(profile: Array, T: Array) -> Array:
-    """(k, 4, 3) the faces of a profile turned about z of a frame [m].
-
-    Args:
-        profile: (m, 2) radius and height [m].
-        T: (4, 4) the frame, in whose parent the faces are given.
-    """
-    turn = np.linspace(0.0, TURN, _FACES_AROUND + 1)
+    """(k, 4, 3) faces of a profile (m, 2), radius and height [m], turned about z of the frame T (4, 4)."""
+    turn = np.linspace(0.0, TURN, 20 + 1)  # faces around
     radius, height = profile.T
     x, y = radius[:, None] * np.cos(turn), radius[:, None] * np.sin(turn)
     grid = np.stack([x, y, np.broadcast_to(height[:, None], x.shape)], axis=2)
@@ -49,38 +29,23 @@ def revolved(profile: Array, T: Array) -> Array:
 
 
 def capsule_facets(start: Array, end: Array, radius: float) -> Array:
-    """(k, 4, 3) the faces of a capsule [m].
-
-    Args:
-        start, end: (3,) ends of its segment [m]; equal for a ball.
-        radius: [m].
-    """
+    """(k, 4, 3) faces of a capsule about a segment from (3,) to (3,) [m]; a ball where they are equal."""
     return tapered_facets(start, end, radius, radius)
 
 
 def tapered_facets(start: Array, end: Array, start_radius: float, end_radius: float) -> Array:
-    """(k, 4, 3) the faces of a link: a cone between two balls [m].
-
-    Args:
-        start, end: (3,) middles of the balls [m].
-        start_radius, end_radius: of the balls [m].
-    """
+    """(k, 4, 3) faces of a cone between two balls about (3,) and (3,) [m]."""
     length = float(np.linalg.norm(end - start))
-    rise = np.linspace(0.0, np.pi / 2, _FACES_OF_CAP + 1)
+    rise = np.linspace(0.0, np.pi / 2, 5 + 1)  # faces from the rim of a hemisphere to its pole
     cap = np.column_stack([np.cos(rise), np.sin(rise)])
-    t = np.arange(1, _FACES_ALONG) / _FACES_ALONG
+    t = np.arange(1, 6) / 6
     straight = np.column_stack([start_radius + t * (end_radius - start_radius), length * t])
     below, above = start_radius * cap * np.array([1.0, -1.0]), end_radius * cap + np.array([0.0, length])
     return revolved(np.vstack([below[::-1], straight, above]), _frame_along(start, end - start))
 
 
 def cylinder_facets(start: Array, end: Array, radius: float) -> Array:
-    """(k, 4, 3) the faces of a cylinder with flat ends [m].
-
-    Args:
-        start, end: (3,) middles of its ends [m].
-        radius: [m].
-    """
+    """(k, 4, 3) faces of a cylinder with flat ends about (3,) and (3,) [m]."""
     length = float(np.linalg.norm(end - start))
     profile = np.array([[0.0, 0.0], [radius, 0.0], [radius, length], [0.0, length]])
     return revolved(profile, _frame_along(start, end - start))

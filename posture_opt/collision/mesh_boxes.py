@@ -1,9 +1,4 @@
-"""A mesh enclosed by boxes: the convex pieces by which collisions with a part from CAD are checked.
-
-The box about the mesh is cut into many cells; of each, the box about the part of the solid in it is kept, and boxes are
-put together where that adds least volume. What a cell holds of the solid lies in the box about the surface in the cell
-and those of its corners that are inside; a cell without surface is inside as a whole, or empty.
-"""
+"""A mesh enclosed by boxes: the convex pieces by which collisions with a part from CAD are checked."""
 
 from __future__ import annotations
 
@@ -15,14 +10,95 @@ from typing import NamedTuple
 
 import numpy as np
 
-from posture_opt.collision.mesh_surface import Corners, gap_between, winding
-from posture_opt.numerics import Array
+from posture_opt.numerics import TURN, Array, Codes
 from posture_opt.robot.meshes import read_triangles
 
-_MAX_CELLS = 250
-"""Cells that the mesh is cut into at most."""
-_FREE_SHARE = 2e-3
-"""Boxes are put together without need where that adds less than this share of their volume."""
+_SURFACE_POINTS = 10_000
+"""Points on the surface of the mesh that these are compared with."""
+_NEIGHBOURS = 24
+"""Of these, the triangles of so many are looked at for each point; of a mesh with fewer faces all."""
+
+Corners = tuple[Array, Array]
+"""Least and greatest corner (3,), (3,) of a box along the axes [m]."""
+
+
+def winding(points: Array, triangles: Array) -> Array:
+    """(N,) winding number at points (N, 3): 1 inside (Van Oosterom & Strackee 1983, eq. 8; Jacobson et al. 2013)."""
+    coarse = coarser(triangles, 2000)
+    total = np.zeros(len(points))
+    for k in range(0, len(points), 256):
+        a, b, c = (coarse[None, :, i] - points[k : k + 256, None] for i in range(3))
+        la, lb, lc = (np.linalg.norm(side, axis=2) for side in (a, b, c))
+        volume = np.einsum("nfi,nfi->nf", a, np.cross(b, c))
+        ab, bc, ca = (np.einsum("nfi,nfi->nf", *pair) for pair in ((a, b), (b, c), (c, a)))
+        total[k : k + 256] = np.arctan2(volume, la * lb * lc + ab * lc + bc * la + ca * lb).sum(axis=1) * 2 / (2 * TURN)
+    return np.abs(total)
+
+
+def coarser(triangles: Array, most: int) -> Array:
+    """Triangles (f, 3, 3) [m], corners that are near each other put together where there are more than ``most``."""
+    cell = float(np.ptp(triangles.reshape(-1, 3), axis=0).max()) / 200
+    while len(triangles) > most:
+        corners = np.round(triangles / cell)
+        solid = np.any(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+        triangles = np.unique(corners[solid].reshape(-1, 9), axis=0).reshape(-1, 3, 3) * cell
+        cell *= 1.5
+    return triangles
+
+
+def finer(triangles: Array) -> Array:
+    """Triangles (f, 3, 3) [m], cut in four where a side is beyond a tenth of the mesh: large faces hide each other."""
+    most = float(np.ptp(triangles.reshape(-1, 3), axis=0).max()) / 10
+    small = [np.zeros((0, 3, 3))]
+    while len(triangles):
+        large = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2).max(axis=1) > most
+        small.append(triangles[~large])
+        a, b, c = (triangles[large, k] for k in range(3))
+        ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
+        quarters = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+        triangles = np.concatenate([np.stack(corners, axis=1) for corners in quarters])
+    return np.concatenate(small)
+
+
+def gap_between(triangles: Array, boxes: list[Corners]) -> float:
+    """How far [m] the surface of the union of boxes lies from the mesh at most, measured at points of a grid."""
+    rng = np.random.default_rng(0)
+    sides = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    area = np.linalg.norm(sides, axis=1)
+    chosen = rng.choice(len(triangles), _SURFACE_POINTS, p=area / area.sum())
+    u, v = rng.random((2, _SURFACE_POINTS, 1))
+    u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
+    a, b, c = (triangles[chosen, k] for k in range(3))
+    surface = np.concatenate([a + u * (b - a) + v * (c - a), triangles.reshape(-1, 3)])
+    corners = np.repeat(np.arange(len(triangles)), 3)
+    t = np.linspace(0.0, 1.0, 7)  # points along an edge
+    shares = np.stack(np.meshgrid(t, t, t), axis=-1).reshape(-1, 3)
+    shares = shares[np.any((shares == 0) | (shares == 1), axis=1)]
+    outer = []
+    for k, (low, high) in enumerate(boxes):
+        points = low + shares * (high - low)
+        others = [box for i, box in enumerate(boxes) if i != k]
+        covered = [np.all((points >= lower - 1e-9) & (points <= upper + 1e-9), axis=1) for lower, upper in others]
+        outer.append(points[~np.any(covered, axis=0)] if covered else points)
+    every = np.concatenate(outer)
+    return float(_distances(every, surface, np.concatenate([chosen, corners]), triangles).max(initial=0.0))
+
+
+def _distances(points: Array, surface: Array, owners: Codes, triangles: Array) -> Array:
+    """(N,) distance [m] of points (N, 3) to the triangles ``owners`` (m,) of the nearest surface points (m, 3)."""
+    import trimesh
+    from scipy.spatial import cKDTree
+
+    few = len(triangles) <= _NEIGHBOURS
+    near = owners[cKDTree(surface).query(points, k=_NEIGHBOURS)[1]] if len(points) and not few else None
+    found = np.full(len(points), np.inf)
+    for k in range(len(triangles) if few else _NEIGHBOURS):
+        corners = np.broadcast_to(triangles[k], (len(points), 3, 3)) if near is None else triangles[near[:, k]]
+        closest = trimesh.triangles.closest_point(corners, points)  # type: ignore[no-untyped-call]
+        found = np.minimum(found, np.linalg.norm(points - closest, axis=1))
+    return found
+
+
 _FLAT_M = 1e-6
 """Corners of a face across an axis differ by less along it."""
 _MIN_EDGE_M = 1e-4
@@ -30,13 +106,9 @@ _MIN_EDGE_M = 1e-4
 
 
 class OrientedBox(NamedTuple):
-    """A box in the frame of the mesh.
+    """A box in the frame of the mesh."""
 
-    Args:
-        rotation: (3, 3) R_mesh_box; middle: (3,) [m]; size: (3,) its edges [m].
-    """
-
-    rotation: Array
+    rotation: Array  # (3, 3) R_mesh_box; middle: (3,) [m]; size: (3,) its edges [m]
     middle: Array
     size: Array
 
@@ -48,28 +120,15 @@ class OrientedBox(NamedTuple):
 
 @dataclass(frozen=True)
 class EnclosedMesh:
-    """A mesh and the boxes about it, in the frame of its file.
+    """A mesh and the boxes about it, in the frame of its file."""
 
-    Args:
-        triangles: (f, 3, 3) corners [m].
-        boxes: which enclose it.
-        outside: how far the surface of the boxes lies from that of the mesh at most [m].
-    """
-
-    triangles: Array
-    boxes: tuple[OrientedBox, ...]
-    outside: float
+    triangles: Array  # (f, 3, 3) corners [m]
+    boxes: tuple[OrientedBox, ...]  # which enclose it
+    outside: float  # how far the surface of the boxes lies from that of the mesh at most [m]
 
 
 def enclosed_mesh(path: Path, factor: float, most: int) -> EnclosedMesh:
-    """The mesh in a file and at most ``most`` boxes about it; computed once for each version of the file.
-
-    Args:
-        factor: one unit of the file [m].
-
-    Raises:
-        UnreadMeshError: the file cannot be read, or trimesh is not installed.
-    """
+    """Mesh and at most ``most`` boxes, once a version of the file; ``factor``: its unit [m]; raises UnreadMeshError."""
     status = path.stat()
     return _enclosed(path, factor, most, status.st_mtime_ns, status.st_size)
 
@@ -99,16 +158,11 @@ def _frame(triangles: Array) -> Array:
 
 @dataclass(frozen=True)
 class _Cell:
-    """A part of space between planes along the axes, with the surface in it.
+    """A part of space between planes along the axes, with the surface in it."""
 
-    Args:
-        low, high: (3,) its corners [m].
-        triangles: (f, 3, 3) of the surface, cut at its faces [m].
-    """
-
-    low: Array
+    low: Array  # low, high: (3,) its corners [m]
     high: Array
-    triangles: Array
+    triangles: Array  # (f, 3, 3) of the surface, cut at its faces [m]
 
     @cached_property
     def weight(self) -> float:
@@ -124,15 +178,11 @@ class _Cell:
 
     def halves(self) -> tuple[_Cell, _Cell]:
         """Both sides of the largest flat face across an axis inside it, else of the middle of its longest edge."""
-        axis, at = self._largest_step() or self._middle()
+        longest = int(np.argmax(self.high - self.low))
+        axis, at = self._largest_step() or (longest, float(self.low[longest] + self.high[longest]) / 2)
         below, above = _halves(self.triangles, axis, at)
         between = np.where(np.arange(3) == axis, at, self.high), np.where(np.arange(3) == axis, at, self.low)
         return _Cell(self.low, between[0], below), _Cell(between[1], self.high, above)
-
-    def _middle(self) -> tuple[int, float]:
-        """Axis and middle [m] of its longest edge."""
-        axis = int(np.argmax(self.high - self.low))
-        return axis, float(self.low[axis] + self.high[axis]) / 2
 
     def _largest_step(self) -> tuple[int, float] | None:
         """Axis and place [m] of the largest flat face across an axis that is not on its boundary."""
@@ -156,21 +206,21 @@ class _Cell:
         return self.low + _CORNERS * (self.high - self.low)
 
 
-_NUDGE = 1e-3
-"""Share of the way from a corner to the middle of its cell."""
 _CORNERS = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)], dtype=float)
 
 
 def _boxes(triangles: Array, most: int) -> list[Corners]:
     """At most ``most`` boxes along the axes about the solid that triangles (f, 3, 3) bound [m]."""
+    # What a cell holds of the solid lies in the box about its surface and those of its corners that are inside; a cell
+    # without surface is inside as a whole, or empty.
     cells = [_Cell(*_corners(triangles), triangles)]
-    while len(cells) < _MAX_CELLS:
+    while len(cells) < 250:
         cells.sort(key=lambda cell: cell.weight)
         if cells[-1].weight == 0 or float(np.max(cells[-1].high - cells[-1].low)) < 2 * _MIN_EDGE_M:
             break
         cells += cells.pop().halves()
-    # A corner on the surface counts where it is inside as seen from the cell.
-    nudged = [cell.corners + _NUDGE * ((cell.low + cell.high) / 2 - cell.corners) for cell in cells]
+    # A corner on the surface counts where it is inside as seen from the cell: moved a little to its middle.
+    nudged = [cell.corners + 1e-3 * ((cell.low + cell.high) / 2 - cell.corners) for cell in cells]
     inside = winding(np.concatenate(nudged), triangles).reshape(-1, 8) > 0.5
     middles = winding(np.array([(cell.low + cell.high) / 2 for cell in cells]), triangles) > 0.5
     held = []
@@ -183,7 +233,6 @@ def _boxes(triangles: Array, most: int) -> list[Corners]:
 
 
 def _merged(boxes: list[Corners], most: int) -> list[Corners]:
-    """Boxes put together, pair by pair, where that adds least volume: until they are few, and as long as it is free."""
     low, high = (np.array(side) for side in zip(*boxes, strict=True))
     while len(low) > 1:
         volume = np.prod(high - low, axis=1)
@@ -191,7 +240,7 @@ def _merged(boxes: list[Corners], most: int) -> list[Corners]:
         more = union - volume[:, None] - volume
         np.fill_diagonal(more, np.inf)
         i, j = np.unravel_index(int(np.argmin(more)), more.shape)
-        if len(low) <= most and more[i, j] > _FREE_SHARE * union[i, j]:
+        if len(low) <= most and more[i, j] > 2e-3 * union[i, j]:  # less than this share of their volume is free
             break
         joined = np.minimum(low[i], low[j]), np.maximum(high[i], high[j])
         kept = ~np.all((low >= joined[0] - 1e-12) & (high <= joined[1] + 1e-12), axis=1)
@@ -200,7 +249,6 @@ def _merged(boxes: list[Corners], most: int) -> list[Corners]:
 
 
 def _halves(triangles: Array, axis: int, at: float) -> tuple[Array, Array]:
-    """The triangles on either side of a plane, those that it crosses cut."""
     beyond = triangles[:, :, axis] - at
     below, above = np.all(beyond <= 0, axis=1), np.all(beyond >= 0, axis=1)
     cut = [*_cut(triangles[~below & ~above], axis, at)]

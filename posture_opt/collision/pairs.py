@@ -1,4 +1,4 @@
-"""Which capsules of an arm are checked against each other, and against an obstacle."""
+"""Which capsules of an arm are checked against each other and against an obstacle, and how near they come."""
 
 from __future__ import annotations
 
@@ -10,65 +10,67 @@ import numpy as np
 from posture_opt.collision.obstacles import Obstacle
 from posture_opt.collision.placed_capsules import PlacedCapsules
 from posture_opt.collision.segment_distances import to_segment
-from posture_opt.numerics import Array, Mask
-from posture_opt.robot.joint_ranges import drawn_between
+from posture_opt.numerics import Array, Json, Mask
+from posture_opt.robot.posture import drawn_between
 
-_POSTURE_COUNT = 1000
-"""Random postures: a median is then known to 1.6 % of them (one standard deviation)."""
-_MOST_AT_ONCE = 8000
-"""Distances that are computed together: of more, the arrays of vectors leave the cache."""
-_HELD_BELOW_M = 1e-3
-"""What is taken off a distance [m] that is held in place of the clearance, before it is rounded down: the bounds that
-a solver keeps are up to so much below the true distance."""
-_FIRST_BODY = 1
-"""The body behind the first joint, which turns on what the arm is mounted on."""
-_MOUNTED_RANGE_M = 0.05
-"""A body whose distance to an obstacle varies by less than this [m] belongs to the mount."""
+
+class Nearest(NamedTuple):
+    """The least distance of some pairs."""
+
+    distance: float  # [m]; zero or less where bodies overlap, but not how deep
+    between: tuple[str, str]  # two joints, or a joint and an obstacle
+
+    def to_json(self) -> dict[str, Json]:
+        return {"distance": self.distance, "between": list(self.between)}
+
+
+class Clearance(NamedTuple):
+    """The least distances and where they are."""
+
+    cell: Nearest | None  # of the arm to obstacles and mounting plane; None where it is checked against neither
+    own: Nearest | None  # of the arm to itself; None where that is not checked
+
+    @property
+    def nearest(self) -> Nearest:
+        return min((part for part in self if part is not None), key=lambda part: part.distance)
+
+    @property
+    def distance(self) -> float:
+        return self.nearest.distance
+
+    @property
+    def between(self) -> tuple[str, str]:
+        return self.nearest.between
+
+    def to_json(self) -> dict[str, Json]:
+        parts = {"cell": self.cell, "self": self.own}
+        return {**self.nearest.to_json(), **{key: part and part.to_json() for key, part in parts.items()}}
+
 
 Pair = tuple[int, int]
 """Indices of two capsules."""
 
 
 class Checked(NamedTuple):
-    """What is checked of some pairs.
+    """What is checked of some pairs."""
 
-    Args:
-        chosen: (k,) indices of the pairs that are checked.
-        required: (k,) least distance [m] that each is to keep.
-        left_out: indices of the pairs that overlap whatever the posture.
-    """
-
-    chosen: tuple[int, ...]
-    required: tuple[float, ...]
-    left_out: tuple[int, ...]
+    chosen: tuple[int, ...]  # (k,) indices of the pairs that are checked
+    required: tuple[float, ...]  # (k,) least distance [m] that each is to keep
+    left_out: tuple[int, ...]  # indices of the pairs that overlap whatever the posture
 
 
 def checked_pairs(distances: Array, clearance: float, still: Mask, joined: bool = True) -> Checked:
-    """Which pairs are checked, and the distance that each is to keep.
-
-    A pair that is ever apart is checked. Of links that are near each other by design not all postures have the
-    clearance; such a pair is asked for no more than half of all postures have, in whole millimetres.
-
-    Args:
-        distances: (N, k) of the pairs at random postures [m]; negative where they overlap.
-        clearance: least distance to keep [m].
-        still: (k,) whether a pair may be left out, or kept nearer than the clearance, at all.
-        joined: whether bodies may overlap in every posture, as links of one arm, and an arm with what carries it.
-    """
+    """Pairs that are ever apart, from distances (N, k) [m]; ``still`` ones keep at most the median, in whole mm."""
     overlapping = still & joined & (distances < 0).all(axis=0)
-    usual = np.floor((np.median(distances, axis=0) - _HELD_BELOW_M) * 1e3) / 1e3
+    # A solver's bounds are up to 1 mm below the true distance.
+    usual = np.floor((np.median(distances, axis=0) - 1e-3) * 1e3) / 1e3
     required = np.where(still, np.clip(usual, 0.0, clearance), clearance)
-    chosen = np.flatnonzero(~overlapping)
-    return Checked(
-        tuple(chosen.tolist()), tuple(required[chosen].tolist()), tuple(np.flatnonzero(overlapping).tolist())
-    )
+    chosen, left_out = np.flatnonzero(~overlapping), np.flatnonzero(overlapping)
+    return Checked(tuple(chosen.tolist()), tuple(required[chosen].tolist()), tuple(left_out.tolist()))
 
 
 def apart_pairs(placed: PlacedCapsules) -> tuple[Pair, ...]:
-    """Pairs of capsules of bodies with another body between them, nearer to the base first.
-
-    Without those that the robot's SRDF does not check; the tool moves with the last joint and is always checked.
-    """
+    """Pairs of capsules with a body between them, base first, that the robot's SRDF does not allow to touch."""
     bodies = placed.bodies
     allowed, owners = placed.robot.allowed_collisions, [capsule.joint for capsule in placed.capsules]
     count = range(len(bodies))
@@ -76,88 +78,55 @@ def apart_pairs(placed: PlacedCapsules) -> tuple[Pair, ...]:
         (i, j) if bodies[i] < bodies[j] else (j, i)
         for i in count
         for j in count[:i]
-        if _not_adjacent(bodies, i, j) and frozenset((owners[i], owners[j])) not in allowed
+        if abs(bodies[i] - bodies[j]) > 1 and frozenset((owners[i], owners[j])) not in allowed
     )
 
 
 def checked_own(placed: PlacedCapsules, pairs: Sequence[Pair], clearance: float, assumed: Array) -> Checked:
-    """What is checked of pairs of capsules of an arm.
-
-    Args:
-        placed: the capsules of the arm; ``pairs`` (k,) of them.
-        clearance: least distance to keep [m].
-        assumed: (c,) what of each radius is assumed [m]: by that two bodies may overlap.
-    """
+    """Checked pairs of one arm; ``assumed`` (c,) parts of radii [m] may overlap."""
     if not pairs:
         return Checked((), (), ())
-    found = own_distances(placed, *placed.segments(random_postures(placed, _POSTURE_COUNT)), pairs)
+    # A median of 1000 is known to 1.6 % of them.
+    found = own_distances(placed, *placed.segments(random_postures(placed, 1000)), pairs)
     more = assumed[np.array(pairs)].sum(axis=1)
     checked = checked_pairs(found + more, clearance, np.ones(len(pairs), dtype=bool))
     return checked._replace(required=tuple((np.array(checked.required) - more[list(checked.chosen)]).tolist()))
 
 
 def own_distances(placed: PlacedCapsules, start: Array, end: Array, pairs: Sequence[Pair]) -> Array:
-    """(N, k) distance of the pairs [m]; negative where they overlap.
-
-    Args:
-        placed: the capsules, for their radii.
-        start, end: (N, c, 3) their segments at N postures [m], world.
-        pairs: (k,) which of them.
-    """
+    """(N, k) distance of pairs of segments (N, c, 3), (N, c, 3) less radii [m], world; negative where they overlap."""
     first, second = (np.array(side, dtype=int) for side in zip(*pairs, strict=True))
-    step = max(_MOST_AT_ONCE // len(pairs), 1)
+    step = max(8000 // len(pairs), 1)  # of more, the arrays of vectors leave the cache
     blocks = [slice(k, k + step) for k in range(0, len(start), step)]
     between = [to_segment(start[b][:, first], end[b][:, first], start[b][:, second], end[b][:, second]) for b in blocks]
-    return np.asarray(
-        np.concatenate([*between, np.zeros((0, len(pairs)))]) - placed.radii[first] - placed.radii[second]
-    )
+    every = np.concatenate([*between, np.zeros((0, len(pairs)))])
+    return np.asarray(every - placed.radii[first] - placed.radii[second])
 
 
 def checked_against(
     placed: PlacedCapsules, obstacle: Obstacle, moving: Sequence[int], clearance: float, carries: bool
 ) -> Checked:
-    """What is checked of capsules of an arm against an obstacle.
-
-    What belongs to the first link, or keeps its distance within 50 mm, may be nearer to it than the clearance, and
-    always touch what carries the arm: the shoulder above its table.
-
-    Args:
-        placed: the capsules of the arm; ``moving`` (k,) indices of those that may be checked.
-        obstacle: in the world.
-        clearance: least distance to keep [m].
-        carries: whether the arm stands on it.
-    """
+    """Checked capsules against an obstacle; the first link, and what hardly moves, may keep less than the clearance."""
     if not moving:
         return Checked((), (), ())
-    start, end = placed.segments(random_postures(placed, _POSTURE_COUNT))
+    start, end = placed.segments(random_postures(placed, 1000))
     away = obstacle_distances(placed, obstacle, start, end, moving)
-    still = (np.array([placed.bodies[k] for k in moving]) == _FIRST_BODY) | (np.ptp(away, axis=0) <= _MOUNTED_RANGE_M)
+    # The first link turns on what the arm is mounted on; what varies by less than 50 mm belongs to the mount.
+    still = (np.array([placed.bodies[k] for k in moving]) == 1) | (np.ptp(away, axis=0) <= 0.05)
     return checked_pairs(away, clearance, still, carries)
 
 
 def moving_capsules(placed: PlacedCapsules, behind: int = 0) -> tuple[int, ...]:
-    """Indices of the capsules of bodies behind the one of this number; 0 is the base, 1 the first link."""
+    """Indices of capsules of bodies behind that number; 0 is the base, 1 the first link."""
     return tuple(k for k, body in enumerate(placed.bodies) if body > behind)
 
 
 def obstacle_distances(
     placed: PlacedCapsules, obstacle: Obstacle, start: Array, end: Array, chosen: Sequence[int]
 ) -> Array:
-    """(N, k) distance of some capsules to an obstacle [m]; zero or less where they overlap.
-
-    Args:
-        placed: the capsules, for their radii.
-        obstacle: in the world.
-        start, end: (N, c, 3) all their segments at N postures [m], world.
-        chosen: (k,) indices of the capsules.
-    """
+    """(N, k) distance of chosen segments (N, c, 3), (N, c, 3) [m] to an obstacle less radii, world."""
     columns = list(chosen)
     return obstacle.distance(start[:, columns], end[:, columns]) - placed.radii[columns]
-
-
-def _not_adjacent(bodies: Sequence[int], i: int, j: int) -> bool:
-    """Whether two capsules are of bodies with another body between them."""
-    return abs(bodies[i] - bodies[j]) > 1
 
 
 def random_postures(placed: PlacedCapsules, count: int) -> Array:

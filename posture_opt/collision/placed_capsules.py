@@ -12,8 +12,7 @@ import numpy as np
 from posture_opt.model.chain import Walk, add, factor_values, scale, stack, walk
 from posture_opt.model.compiled import BatchFunction
 from posture_opt.numerics import Array
-from posture_opt.robot.robot import Factor, Robot
-from posture_opt.robot.shape import BASE, TOOL, Capsule
+from posture_opt.robot.robot import BASE, TOOL, Capsule, Factor, Robot
 
 Placed = tuple[ca.SX, ca.SX]
 """(3,) the start of the segment of a capsule, and the vector to its end [m]."""
@@ -21,15 +20,10 @@ Placed = tuple[ca.SX, ca.SX]
 
 @dataclass(frozen=True)
 class PlacedCapsules:
-    """Capsules of a robot, each in one of the frames of its chain: 0 the base, k behind joint k, n + 1 the tool.
+    """Capsules of a robot, each in one of the frames of its chain: 0 the base, k behind joint k, n + 1 the tool."""
 
-    Args:
-        robot: the chain at its nominal values, without effects.
-        capsules: (c,) in the frames of their joints [m].
-    """
-
-    robot: Robot
-    capsules: tuple[Capsule, ...]
+    robot: Robot  # the chain at its nominal values, without effects
+    capsules: tuple[Capsule, ...]  # (c,) in the frames of their joints [m]
 
     @cached_property
     def frames(self) -> tuple[int, ...]:
@@ -55,9 +49,7 @@ class PlacedCapsules:
 
     @cached_property
     def _segment_function(self) -> BatchFunction:
-        """Joint values (n,) -> starts and ends (3 c,), (3 c,) [m], world; interpreted, as it is called with many
-        rows at once.
-        """
+        """Joint values (n,) -> starts and ends (3 c,), (3 c,) [m], world."""
         q = ca.SX.sym("q", self.robot.n)
         placed = self.symbols(q)
         points = [ca.vertcat(*ends) for ends in zip(*((start, start + along) for start, along in placed), strict=True)]
@@ -71,13 +63,8 @@ class PlacedCapsules:
         return np.reshape(placed(Q), (len(Q), self.robot.n + 2, 3))
 
     def symbols(self, q: ca.SX, seen_from: int | None = None) -> tuple[Placed, ...]:
-        """All capsules at the joint values ``q``, in the world or in one of the frames.
-
-        Args:
-            q: (n,) symbols [rad or m].
-            seen_from: index of a frame: then in that frame, those of it and behind it; capsules before it are points at
-                its origin, which mean nothing. Joints in front of that frame do not appear in the expressions.
-        """
+        """Capsules at ``q`` (n,) in the world, or in a frame and for what is behind it: joints before it do not
+        appear."""
         reached = [walked for _, walked in self.chain(q, seen_from)]
         placed = []
         for capsule, frame in zip(self.capsules, self.frames, strict=True):

@@ -1,10 +1,4 @@
-"""A MoveIt planning scene, ``*.scene``, as obstacles.
-
-Each object is ``* NAME``, its pose since MoveIt 1.1 (position, then a quaternion x y z w), the number of shapes, and
-for each a word, its sizes, its pose and a colour; then the number of its subframes since MoveIt 1.1, with a name and a
-pose each. A line ``.`` ends the file. Lengths in m.
-Source: MoveIt, planning_scene.cpp (saveGeometryToStream), geometric_shapes, shape_operations.cpp (saveAsText).
-"""
+"""A MoveIt planning scene, ``*.scene``, as obstacles."""
 
 from __future__ import annotations
 
@@ -27,28 +21,18 @@ from posture_opt.numerics import Array
 from posture_opt.robot.urdf_chain import xyz_rpy
 from posture_opt.texts import one_line
 
-_MAX_BYTES = 10_000_000
 _SIZES = {"box": 3, "sphere": 1, "cylinder": 2, "cone": 2, "plane": 4}
 """Shape -> how many numbers it has."""
-_MIN_QUATERNION = 1e-6
 
 
 def scene_obstacles(folder: Path, file: str) -> tuple[Obstacle, ...]:
-    """The objects of a planning scene in the world; a cone is enclosed by a cylinder.
-
-    Raises:
-        InputError: no such file, no planning scene, or meshes in it; with the line, under the key ``scene``.
-    """
+    """Objects of a planning scene, world; a cone is enclosed by a cylinder; InputError has the line."""
     try:
-        text = content(located(folder, file), _MAX_BYTES).decode("utf-8", "replace")
+        text = content(located(folder, file), 10_000_000).decode("utf-8", "replace")  # bytes
         return tuple(_SceneReader(text.splitlines()).obstacles())
     except InputError as error:
-        raise InputError(
-            [
-                Issue(f"line {i.line}: {i.message}" if i.line else i.message, ("scene",), file, i.hint)
-                for i in error.issues
-            ]
-        ) from None
+        told = [(f"line {i.line}: {i.message}" if i.line else i.message, i.hint) for i in error.issues]
+        raise InputError([Issue(message, ("scene",), file, hint) for message, hint in told]) from None
 
 
 @dataclass
@@ -60,7 +44,6 @@ class _SceneReader:
     names: list[str] = field(default_factory=list)
 
     def obstacles(self) -> Iterator[Obstacle]:
-        """Every shape of every object."""
         self._line()  # the name of the scene
         while (line := self._line()) != ".":
             if not line.startswith("*"):
@@ -68,8 +51,8 @@ class _SceneReader:
             yield from self._object(one_line(line[1:].strip()) or "object")
 
     def _object(self, name: str) -> Iterator[Obstacle]:
-        """The shapes of one object."""
-        old = len(self._peek().split()) == 1
+        old = len(self._line().split()) == 1
+        self.at -= 1  # which stays to be read
         T = np.eye(4) if old else self._pose()
         count = self._count()
         for k in range(count):
@@ -87,29 +70,28 @@ class _SceneReader:
 
     def _obstacle(self, name: str, word: str, sizes: list[float], T: Array) -> Obstacle:
         """One shape in the world, T (4, 4) [m]."""
-        xyz, rpy = xyz_rpy(T)
-        place: dict[str, Any] = {"name": name, "xyz": [f"{v!r} m" for v in xyz], "rpy": [f"{v!r} rad" for v in rpy]}
-        lengths = [f"{v!r} m" for v in sizes]
-        if word != "plane" and min(sizes) <= 0:
-            self._fail(f"object '{name}' has a size that is not above zero")
-        if word == "box":
-            return Box.model_validate({"kind": "box", "size": lengths, **place})
-        if word == "sphere":
-            place.pop("rpy")
-            return Sphere.model_validate({"kind": "sphere", "radius": lengths[0], **place})
         if word == "plane":  # a x + b y + c z + d = 0, solid below
             normal = np.array(sizes[:3])
             if not (size := float(np.linalg.norm(normal))) > 0:
                 self._fail(f"the plane '{name}' has no normal")
             up = T[:3, :3] @ normal / size
-            offset = float(up @ T[:3, 3]) - sizes[3] / size
+            offset = f"{float(up @ T[:3, 3]) - sizes[3] / size!r} m"
             return HalfSpace.model_validate(
-                {"kind": "half_space", "name": name, "normal": up.tolist(), "offset": f"{offset!r} m"}
+                {"kind": "half_space", "name": name, "normal": up.tolist(), "offset": offset}
             )
-        return Cylinder.model_validate({"kind": "cylinder", "radius": lengths[0], "length": lengths[1], **place})
+        if min(sizes) <= 0:
+            self._fail(f"object '{name}' has a size that is not above zero")
+        (xyz, rpy), lengths = xyz_rpy(T), [f"{v!r} m" for v in sizes]
+        turned = {"rpy": [f"{v!r} rad" for v in rpy]}
+        place: dict[str, Any] = {"name": name, "xyz": [f"{v!r} m" for v in xyz]}
+        if word == "box":
+            return Box.model_validate({"kind": "box", "size": lengths, **place, **turned})
+        if word == "sphere":
+            return Sphere.model_validate({"kind": "sphere", "radius": lengths[0], **place})
+        sides = {"radius": lengths[0], "length": lengths[1]}
+        return Cylinder.model_validate({"kind": "cylinder", **sides, **place, **turned})
 
     def _unique(self, name: str) -> str:
-        """The name, numbered where another object has it."""
         fresh, k = name, 2
         while fresh in self.names:
             fresh, k = f"{name} ({k})", k + 1
@@ -120,7 +102,7 @@ class _SceneReader:
         """(4, 4) position [m] and quaternion (x, y, z, w) of the next two lines."""
         x, y, z = self._numbers(3)
         q = np.array(self._numbers(4))
-        if (size := float(np.linalg.norm(q))) < _MIN_QUATERNION:
+        if (size := float(np.linalg.norm(q))) < 1e-6:
             self._fail("a quaternion of length zero is no orientation")
         a, b, c, w = q / size
         T = np.eye(4)
@@ -133,14 +115,12 @@ class _SceneReader:
         return T
 
     def _count(self) -> int:
-        """A number of parts."""
         (value,) = self._numbers(1)
         if value != int(value) or not 0 <= value <= len(self.lines):
             self._fail(f"{value:g} is no number of parts")
         return int(value)
 
     def _numbers(self, count: int) -> list[float]:
-        """The finite numbers of the next line."""
         line = self._line()
         try:
             found = [float(word) for word in line.split()]
@@ -150,18 +130,7 @@ class _SceneReader:
             self._fail(f"'{line[:40]}' where {count} {'number' if count == 1 else 'numbers'} belong")
         return found
 
-    def _peek(self) -> str:
-        """The line behind the last one, which stays to be read."""
-        line = self._line()
-        self.at -= 1
-        return line
-
     def _line(self) -> str:
-        """The next line that is not empty.
-
-        Raises:
-            InputError: the file has ended.
-        """
         while self.at < len(self.lines):
             self.at += 1
             if line := self.lines[self.at - 1].strip():
@@ -170,9 +139,4 @@ class _SceneReader:
         return ""
 
     def _fail(self, message: str, hint: str = "") -> None:
-        """Refuse the file.
-
-        Raises:
-            InputError: always, with the line.
-        """
         raise InputError(Issue(message, hint=hint, line=self.at))

@@ -11,13 +11,12 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from posture_opt.collision.cell import CellSpec
+from posture_opt.collision.cell import MOUNTING_PLANE, CellSpec, Mounting, below_base, carries
 from posture_opt.collision.contacts import Apart, Contacts
-from posture_opt.collision.mounting import MOUNTING_PLANE, Mounting, below_base, carries
-from posture_opt.collision.nearest import Clearance, Nearest
 from posture_opt.collision.obstacles import Obstacle
 from posture_opt.collision.pairs import (
-    Checked,
+    Clearance,
+    Nearest,
     Pair,
     apart_pairs,
     checked_against,
@@ -27,141 +26,94 @@ from posture_opt.collision.pairs import (
     own_distances,
     random_postures,
 )
-from posture_opt.collision.placed_capsules import Placed, PlacedCapsules
+from posture_opt.collision.placed_capsules import PlacedCapsules
 from posture_opt.collision.smooth_bounds import segment_bound, soft_minimum
 from posture_opt.numerics import Array
-from posture_opt.robot.link_capsules import stand_in, tool_capsule, tool_radius
-from posture_opt.robot.robot import Robot
-from posture_opt.robot.shape import TOOL, Capsule
-from posture_opt.statements import Statement, state
+from posture_opt.robot.robot import TOOL, Capsule, Robot
+from posture_opt.robot.shape_section import stand_in, tool_capsule, tool_radius
+from posture_opt.statements import Quantity, Statement, state
 
 SELF_CLEARANCE_ROW = "clearance of the arm to itself"
 """Name of the row that keeps links apart."""
 SEPARATION_M = 0.1
 """Distance beyond the margin [m]: pairs that keep so far apart need no row."""
-_POSTURE_COUNT = 4000
-"""Random postures by which pairs are found to keep apart."""
-_BLOCK_PAIRS = 500
-"""Pairs whose distances at all of them are held together: 16 MB."""
-_FREE_END_RADII = 2.0
-"""So many radii (and clearances) of the tool in front of its tool point are not checked: it touches its target there,
-leaning up to 60 deg from a flat surface's normal."""
 _ROW_TOLERANCE_M = 2e-6
 """Taken off each row [m]: more than a solver may leave of a row that counts as met."""
-_SHORT_LINK_M = 0.01
-"""Offset [m] of a link that its neighbours hide: corrections alone are shorter."""
 _SURFACE_M = 1e-4
 """Depth [m] up to which a point is on the surface of a solid, and not inside of it."""
 
 
+_STATED = "stated length"
+
+
 def row_name(obstacle: str) -> str:
-    """Name of the row that keeps the arm away from an obstacle."""
     return f"clearance to {obstacle}"
 
 
 class ClearanceRow(NamedTuple):
-    """A smooth lower bound of the least distance of one group of pairs.
+    """A smooth lower bound of the least distance of one group of pairs."""
 
-    Args:
-        name: what it keeps apart.
-        bound: scalar expression of the joint values [m].
-    """
-
-    name: str
-    bound: ca.SX
+    name: str  # what it keeps apart
+    bound: ca.SX  # scalar expression of the joint values [m]
 
 
 @dataclass(frozen=True)
 class Scene:
-    """What is checked for collisions.
+    """What is checked for collisions."""
 
-    Args:
-        placed: the capsules of the arm.
-        obstacles: in the world, the mounting plane last.
-        margin: least distance to keep [m].
-        own: pairs of capsules that are checked against each other.
-        against: for each obstacle the capsules that are checked against it.
-        required: (k,) least distance [m] of each pair in the order of `pairs`: the margin, or what it can have; below
-            zero for an assumed tool, by its radius.
-        left_out: names of the pairs that overlap whatever the posture, which are not checked.
-        mounting: the surface that the arm stands on; None where there is none.
-        assumed: whether the shape is not known, and capsules along the links are taken in its place.
-        switched_off: whether the problem file asks for no checks (``cell: none``).
-        stands_anywhere: whether neither shape nor file says what the arm stands on.
-    """
-
-    placed: PlacedCapsules
-    obstacles: tuple[Obstacle, ...]
-    margin: float
-    own: tuple[Pair, ...]
-    against: tuple[tuple[int, ...], ...]
-    required: tuple[float, ...] = ()
-    left_out: tuple[tuple[str, str], ...] = ()
-    mounting: Mounting | None = None
-    assumed: bool = False
-    switched_off: bool = False
-    stands_anywhere: bool = False
+    placed: PlacedCapsules  # the capsules of the arm
+    obstacles: tuple[Obstacle, ...]  # in the world, the mounting plane last
+    margin: float  # least distance to keep [m]
+    own: tuple[Pair, ...]  # pairs of capsules that are checked against each other
+    against: tuple[tuple[int, ...], ...]  # for each obstacle the capsules that are checked against it
+    required: tuple[float, ...] = ()  # (k,) least distance [m] of each of `pairs`; an assumed tool's is below zero
+    left_out: tuple[tuple[str, str], ...] = ()  # names of pairs that overlap whatever the posture
+    mounting: Mounting | None = None  # the surface that the arm stands on; None where there is none
+    assumed: bool = False  # whether the shape is not known, and capsules along the links are taken in its place
+    switched_off: bool = False  # whether the problem file asks for no checks (cell: none)
+    stands_anywhere: bool = False  # whether neither shape nor file says what the arm stands on
 
     @classmethod
     def of(cls, robot: Robot, cell: CellSpec | None, *, guessed: bool = False, without_mounting: bool = False) -> Scene:
-        """Links of known shape are checked against each other, all obstacles and the surface that the arm stands on;
-        those of unknown shape against obstacles and a surface that is stated.
-
-        The tool is part of the arm, but for its end near the target, where it has to touch. Nothing is checked where
-        the cell says so.
-
-        Args:
-            robot: with its shape, if it is known.
-            cell: obstacles, mounting and clearance; None for none of them.
-            guessed: for postures without a target, that no one sees before the arm goes there: an arm of unknown shape
-                is checked against itself too, with capsules along its links, and the tool up to its end.
-            without_mounting: whether an assumed mounting plane is dropped.
-        """
+        """Scene of a robot and its cell; ``guessed`` shapes and the tool's end count for postures without a target."""
         asked = CellSpec() if cell is None else cell
         if not asked.checked:
             return cls(PlacedCapsules(robot, ()), (), asked.clearance, (), (), switched_off=True)
         mounting = Mounting.of(robot, asked.mounting, asked.obstacles)
         if mounting is not None and mounting.assumed and without_mounting:
             mounting = replace(mounting, dropped=True)
-        standing = mounting is not None and not mounting.dropped
-        obstacles = (*asked.obstacles, *((mounting.plane(robot),) if mounting is not None and standing else ()))
+        plane = () if mounting is None or mounting.dropped else (mounting.plane(robot),)
+        obstacles = (*asked.obstacles, *plane)
         stand_ins = _stand_ins(robot) if obstacles or guessed else ()
-        assumed = bool(stand_ins)
-        free_end = 0.0 if guessed else _FREE_END_RADII * (tool_radius(robot) + asked.clearance)
-        capsules = stand_ins + robot.shape
-        stated = len(capsules)
-        capsules += tool_capsule(robot, free_end) if capsules else ()
+        # So much of the tool in front of its point touches the target, leaning up to 60 deg from its normal.
+        free_end = 0.0 if guessed else 2.0 * (tool_radius(robot) + asked.clearance)
+        stated = stand_ins + robot.shape
+        capsules = stated + (tool_capsule(robot, free_end) if stated else ())
         placed = PlacedCapsules(robot, capsules)
         known = 0 if guessed else len(stand_ins)  # what stands in for a link overlaps its neighbours
         pairs = tuple(pair for pair in apart_pairs(placed) if min(pair) >= known)
         # The first link turns on what the arm stands on, so the mounting plane is none of its.
-        exposed = [moving_capsules(placed, int(standing and k == len(asked.obstacles))) for k in range(len(obstacles))]
+        exposed = [moving_capsules(placed, int(k == len(asked.obstacles))) for k in range(len(obstacles))]
         # Of a tool whose radius nobody states, the axis alone must not pass through the arm.
         assumes = robot.tool_radius is None and not guessed
-        unsure = np.array([c.radius * (assumes and k >= stated) for k, c in enumerate(capsules)])
+        unsure = np.array([c.radius * (assumes and k >= len(stated)) for k, c in enumerate(capsules)])
         own = checked_own(placed, pairs, asked.clearance, unsure)
-        others = [
-            checked_against(
-                placed, obstacle, chosen, asked.clearance, obstacle.name == MOUNTING_PLANE or carries(robot, obstacle)
-            )
-            for obstacle, chosen in zip(obstacles, exposed, strict=True)
-        ]
+        joints, required = [capsule.joint for capsule in capsules], [*own.required]
+        left_out, against = [(joints[pairs[k][0]], joints[pairs[k][1]]) for k in own.left_out], []
+        for obstacle, chosen in zip(obstacles, exposed, strict=True):
+            under = obstacle.name == MOUNTING_PLANE or carries(robot, obstacle)
+            other = checked_against(placed, obstacle, chosen, asked.clearance, under)
+            against.append(tuple(chosen[k] for k in other.chosen))
+            required += other.required
+            left_out += [(joints[chosen[k]], obstacle.name) for k in other.left_out]
         return cls(
-            placed,
-            obstacles,
-            asked.clearance,
-            tuple(pairs[k] for k in own.chosen),
-            tuple(tuple(exposed[i][k] for k in other.chosen) for i, other in enumerate(others)),
-            (*own.required, *(distance for other in others for distance in other.required)),
-            _names_of_left_out(placed, pairs, own, obstacles, exposed, others),
-            mounting,
-            assumed,
+            placed, obstacles, asked.clearance, tuple(pairs[k] for k in own.chosen), tuple(against), tuple(required),
+            tuple(dict.fromkeys(left_out)), mounting, bool(stand_ins),
             stands_anywhere=mounting is None and asked.mounting is None and not asked.obstacles,
-        )
+        )  # fmt: skip
 
     @property
     def robot(self) -> Robot:
-        """The arm whose capsules are placed."""
         return self.placed.robot
 
     @property
@@ -181,7 +133,6 @@ class Scene:
 
     @property
     def active(self) -> bool:
-        """Whether anything is checked."""
         return bool(self.own) or any(self.against)
 
     @property
@@ -192,57 +143,43 @@ class Scene:
 
     @cached_property
     def pairs(self) -> tuple[tuple[str, str], ...]:
-        """(k,) the two names of everything that `distances` holds, column by column."""
+        """(k,) the two names of each column of `distances`."""
         joints = [capsule.joint for capsule in self.placed.capsules]
-        own = [(joints[i], joints[j]) for i, j in self.own]
-        others = zip(self.obstacles, self.against, strict=True)
-        return (*own, *((joints[k], obstacle.name) for obstacle, chosen in others for k in chosen))
+        return tuple((joints[i], joints[j] if isinstance(j, int) else j) for i, j in self._keys)
 
     @cached_property
     def held(self) -> tuple[tuple[tuple[str, str], float], ...]:
         """Pairs that cannot have the margin: their names, and the distance [m] that they keep."""
-        return tuple(
-            (names, distance)
-            for names, distance in zip(self.pairs, self.required, strict=True)
-            if 0 <= distance < self.margin
-        )
+        kept = zip(self.pairs, self.required, strict=True)
+        return tuple((names, distance) for names, distance in kept if 0 <= distance < self.margin)
 
     @cached_property
     def unchecked(self) -> tuple[str, ...]:
         """Names of links without a shape: all, where nothing is checked at all."""
         if not self.placed.capsules:
             return self.robot.joint_names
+        if self.robot.unshaped or self.assumed:
+            return self.robot.unshaped
         shaped = {capsule.joint for capsule in self.placed.capsules}
-        empty = [
-            joint.name
-            for joint, link in zip(self.robot.joints, self.robot.links, strict=True)
-            if joint.name not in shaped and any(f.kind == "translate" and abs(f.nominal) > _SHORT_LINK_M for f in link)
-        ]
-        return self.robot.unshaped or (() if self.assumed else tuple(empty))
+        links = zip(self.robot.joint_names, self.robot.links, strict=True)
+        bare = [(name, link) for name, link in links if name not in shaped]
+        # Neighbours hide links below 10 mm.
+        return tuple(n for n, link in bare if any(f.kind == "translate" and abs(f.nominal) > 0.01 for f in link))
 
     def distances(self, Q: Array) -> Array:
-        """(N, k) exact distance of every pair at the postures Q (N, n) [m].
-
-        Zero or less where they overlap, but not how deep.
-        """
+        """(N, k) exact distance of every pair at Q (N, n) [m]; zero or less where they overlap."""
         start, end = self.placed.segments(np.atleast_2d(Q))
         parts = [own_distances(self.placed, start, end, self.own)] if self.own else []
-        parts += [
-            obstacle_distances(self.placed, obstacle, start, end, chosen)
-            for obstacle, chosen in zip(self.obstacles, self.against, strict=True)
-            if chosen
-        ]
+        others = zip(self.obstacles, self.against, strict=True)
+        parts += [obstacle_distances(self.placed, o, start, end, chosen) for o, chosen in others if chosen]
         return np.hstack([np.zeros((len(start), 0)), *parts])
 
     def least(self, Q: Array) -> Array:
-        """(N,) least distance at each of the postures Q (N, n) [m]; infinite where nothing is checked."""
+        """(N,) least distance at the postures Q (N, n) [m]; infinite where nothing is checked."""
         return np.asarray(np.min(self.distances(Q), axis=1, initial=np.inf)) if self.active else np.full(len(Q), np.inf)
 
     def slack(self, Q: Array) -> Array:
-        """(N,) by how much the nearest pair exceeds what it is to keep, at each of the postures Q (N, n) [m].
-
-        Infinite where nothing is checked.
-        """
+        """(N,) by how much the nearest pair exceeds its required distance at Q (N, n) [m]; infinite without pairs."""
         if not self.active:
             return np.full(len(Q), np.inf)
         return np.asarray(np.min(self.distances(Q) - np.array(self.required), axis=1))
@@ -258,9 +195,8 @@ class Scene:
             return below_base(self.placed, np.atleast_2d(Q))
         if self.mounting is None:
             return None
-        chosen = moving_capsules(self.placed, 1)
-        plane = self.mounting.plane(self.robot)
-        away = obstacle_distances(self.placed, plane, *self.placed.segments(np.atleast_2d(Q)), chosen)
+        plane, segments = self.mounting.plane(self.robot), self.placed.segments(np.atleast_2d(Q))
+        away = obstacle_distances(self.placed, plane, *segments, moving_capsules(self.placed, 1))
         return self.mounting.statement(-float(np.min(away, initial=0.0)))
 
     def statements(self, Q: Array) -> tuple[Statement, ...]:
@@ -270,7 +206,7 @@ class Scene:
         return (*([] if mounting is None else [mounting]), *pierced)
 
     def clearance(self, Q: Array) -> Clearance | None:
-        """The least distances over the postures Q (N, n) or (n,), and between which; None where nothing is checked."""
+        """Least distances over the postures Q (N, n) or (n,); None where nothing is checked."""
         if not self.active:
             return None
         least = self.distances(Q).min(axis=0)
@@ -284,21 +220,14 @@ class Scene:
         return Clearance(nearest(range(len(self.own), len(self.pairs))), nearest(range(len(self.own))))
 
     def solids_at(self, point: Array) -> set[str]:
-        """The names of the obstacles that a point (3,) [m] is inside of, world; the mounting plane among them.
-
-        That plane counts also where it was assumed and dropped, so that the arm reaches below it.
-        """
+        """Names of the solids that hold a point (3,) [m], world, a dropped mounting plane included."""
         p = np.asarray(point, dtype=float)[None, None]
         dropped = self.mounting is not None and self.mounting.dropped
         solids = (*self.obstacles, *([self.mounting.plane(self.robot)] if self.mounting and dropped else []))
         return {o.name for o in solids if float(o.smaller(_SURFACE_M).distance(p, p)[0, 0]) <= 0}
 
     def pierced(self, Q: Array) -> tuple[str, ...]:
-        """The obstacles that the end of the tool passes through at Q (N, n), its point not being inside of them.
-
-        That end belongs to no capsule, as the tool has to touch with it: a hole is entered, but nothing in front of it.
-        None of a tool whose shape is stated, which is checked as it is.
-        """
+        """Obstacles pierced by the end of a tool without stated shape at Q (N, n), which belongs to no capsule."""
         if any(capsule.joint == TOOL for capsule in self.robot.shape):
             return ()
         tools = [k for k, capsule in enumerate(self.placed.capsules) if capsule.joint == TOOL]
@@ -317,95 +246,61 @@ class Scene:
         return tuple(found)
 
     def closest(self, row: str, q: Array) -> tuple[tuple[str, str], float, float]:
-        """Of the pairs that a row of `rows` is of, by its name, the one that lacks most of what it is to keep.
-
-        Args:
-            q: (n,) posture [rad or m].
-
-        Returns:
-            its names, its distance there and the distance that it is to keep [m].
-        """
-        mine = [
-            k < len(self.own) if row == SELF_CLEARANCE_ROW else row_name(p[1]) == row for k, p in enumerate(self.pairs)
-        ]
-        distances = self.distances(q)[0]
+        """Names, distance and required distance [m] of a row's pair that lacks most at q (n,)."""
+        own, distances = row == SELF_CLEARANCE_ROW, self.distances(q)[0]
+        mine = [k < len(self.own) if own else row_name(names[1]) == row for k, names in enumerate(self.pairs)]
         k = int(np.argmin(np.where(mine, distances - np.array(self.required), np.inf)))
         return self.pairs[k], float(distances[k]), self.required[k]
 
     def rows(self, q: ca.SX, obstacles: Sequence[Obstacle] | None = None) -> list[ClearanceRow]:
-        """A lower bound of the least distance [m] to each obstacle, and of the arm to itself, at joint values ``q``
-        (n,).
+        """Lower bounds [m] for each obstacle and the arm itself at ``q`` (n,), each to be at least ``margin``.
 
-        Each is to be at least ``margin``. Where it is below that it is at most `smooth_bounds.BOUND_SLACK_M` below the
-        true distance, and half of `smooth_bounds.SOFT_MINIMUM_WIDTH_M` for each doubling of pairs that are equally
-        near. Pairs that thousands of random postures leave farther apart than the margin and `SEPARATION_M` have no
-        part in it, and it never exceeds that.
-
-        Args:
-            q: (n,) joint values.
-            obstacles: in place of those of the scene: the same ones, smaller or moved by symbols.
+        Below it one is at most `BOUND_SLACK_M`, and half of `SOFT_MINIMUM_WIDTH_M` for each doubling of equally near
+        pairs, below the true distance. Pairs that random postures leave `SEPARATION_M` farther apart have no part.
         """
         placed, near = self.placed.symbols(q), self._near_pairs
         lowered = dict(zip(self._keys, (self.margin - np.array(self.required)).tolist(), strict=True))
-        found = []
+        found: dict[str, list[ca.SX]] = {}
         for obstacle, chosen in zip(obstacles or self.obstacles, self.against, strict=True):
-            close = [k for k in chosen if near[k, obstacle.name]]
-            bounds = [
-                bound + lowered[k, obstacle.name]
-                for k in close
-                for bound in self._obstacle_bounds(placed[k], obstacle, k)
-            ]
-            if bounds:
-                found.append(self._clearance_row(row_name(obstacle.name), bounds))
+            name = obstacle.name
+            for k in (k for k in chosen if near[k, name]):
+                capsule = self.placed.capsules[k]
+                bounds = obstacle.bounds(*placed[k], capsule.length, capsule.radius)
+                found.setdefault(row_name(name), []).extend(bound + lowered[k, name] for bound in bounds)
         own = [pair for pair in self.own if near[pair]]
         if own:
-            bounds = [bound + lowered[pair] for pair, bound in zip(own, self._own_bounds(q, own), strict=True)]
-            found.append(self._clearance_row(SELF_CLEARANCE_ROW, bounds))
-        return found
+            bounds = self._own_bounds(q, own)
+            found[SELF_CLEARANCE_ROW] = [bound + lowered[pair] for pair, bound in zip(own, bounds, strict=True)]
+        highest = ca.SX(self.margin + SEPARATION_M)
+        return [ClearanceRow(name, soft_minimum([*all_, highest]) - _ROW_TOLERANCE_M) for name, all_ in found.items()]
 
     @cached_property
     def contacts(self) -> Contacts:
         """All pairs as rows of a search in C, with exact distances."""
-        solids = tuple(part for obstacle in self.obstacles for part in obstacle.parts)
-        first = np.cumsum([0, *(len(obstacle.parts) for obstacle in self.obstacles)]).tolist()
-        others = [
-            [(k, -1, solid) for solid in range(first[place], first[place + 1])]
-            for place, chosen in enumerate(self.against)
-            for k in chosen
-        ]
-        every = [*([(i, j, -1)] for i, j in self.own), *others]
-        kept = zip(every, self.required, strict=True)
+        groups, solids = [[(i, j, -1)] for i, j in self.own], list[Obstacle]()
+        for obstacle, chosen in zip(self.obstacles, self.against, strict=True):
+            numbers = range(len(solids), len(solids) + len(obstacle.parts))
+            groups += [[(k, -1, number) for number in numbers] for k in chosen]
+            solids += obstacle.parts
+        kept = zip(groups, self.required, strict=True)
         pairs = (Apart(*pair, least + _ROW_TOLERANCE_M) for group, least in kept for pair in group)
-        return Contacts(self.placed, solids, tuple(pairs), SEPARATION_M)
-
-    def _obstacle_bounds(self, placed: Placed, obstacle: Obstacle, k: int) -> list[ca.SX]:
-        """Lower bounds [m] of the distance of capsule k to an obstacle."""
-        capsule = self.placed.capsules[k]
-        return obstacle.bounds(*placed, capsule.length, capsule.radius)
-
-    def _clearance_row(self, name: str, bounds: list[ca.SX]) -> ClearanceRow:
-        """The soft minimum of bounds [m], bounded above by the margin and `SEPARATION_M`."""
-        return ClearanceRow(name, soft_minimum([*bounds, ca.SX(self.margin + SEPARATION_M)]) - _ROW_TOLERANCE_M)
+        return Contacts(self.placed, tuple(solids), tuple(pairs), SEPARATION_M)
 
     @property
     def _keys(self) -> tuple[tuple[int, int | str], ...]:
-        """(k,) the capsules, or capsule and obstacle, of everything that `distances` holds."""
+        """(k,) the capsules, or capsule and obstacle, of each column of `distances`."""
         others = zip(self.obstacles, self.against, strict=True)
         return (*self.own, *((k, obstacle.name) for obstacle, chosen in others for k in chosen))
 
     @cached_property
     def _near_pairs(self) -> dict[tuple[int, int | str], bool]:
-        """Which pairs random postures bring nearer than `SEPARATION_M`; of those that are held nearer than the margin,
-        which they bring nearer than that.
-        """
-        blocks = np.array_split(random_postures(self.placed, _POSTURE_COUNT), 1 + len(self.pairs) // _BLOCK_PAIRS)
+        blocks = np.array_split(random_postures(self.placed, 4000), 1 + len(self.pairs) // 500)  # 16 MB
         least = np.min([self.distances(Q).min(axis=0) for Q in blocks], axis=0)
         required = np.array(self.required)
         far = np.where(required < self.margin, required, self.margin + SEPARATION_M)
         return dict(zip(self._keys, (least < far).tolist(), strict=True))
 
     def _own_bounds(self, q: ca.SX, pairs: Sequence[Pair]) -> list[ca.SX]:
-        """For every pair, seen from the frame of the first one: only joints between them take part."""
         frames, capsules = self.placed.frames, self.placed.capsules
         seen = {frame: self.placed.symbols(q, frame) for frame in {frames[i] for i, _ in pairs}}
         bounds = []
@@ -424,17 +319,85 @@ def _stand_ins(robot: Robot) -> tuple[Capsule, ...]:
     return tuple(capsule for capsule in stand_in(robot) if capsule.joint in robot.bare_joints)
 
 
-def _names_of_left_out(
-    placed: PlacedCapsules,
-    pairs: Sequence[Pair],
-    own: Checked,
-    obstacles: Sequence[Obstacle],
-    exposed: Sequence[Sequence[int]],
-    others: Sequence[Checked],
-) -> tuple[tuple[str, str], ...]:
-    """The two names of each pair that is left out, of the arm itself first; each once."""
-    joints = [capsule.joint for capsule in placed.capsules]
-    names = [(joints[i], joints[j]) for i, j in (pairs[k] for k in own.left_out)]
-    for obstacle, chosen, other in zip(obstacles, exposed, others, strict=True):
-        names += [(joints[chosen[k]], obstacle.name) for k in other.left_out]
-    return tuple(dict.fromkeys(names))
+def scene_statements(scene: Scene, Q: Array) -> tuple[Statement, ...]:
+    """What is checked at the postures Q (N, n) [rad or m], with which shapes, and what is not."""
+    if scene.switched_off:
+        return (state("collision.switched-off"),)
+    said = list(scene.statements(Q))
+    if not scene.active:
+        return tuple(said)
+    itself = ["itself"] if scene.own or not scene.obstacles else []
+    bodies, margin = (*(obstacle.name for obstacle in scene.obstacles), *itself), Quantity(scene.margin, _STATED)
+    checked = state("collision.checked-with-margin", bodies=bodies, margin=margin)
+    said.append(checked if scene.margin else state("collision.checked", bodies=bodies))
+    said += [] if scene.stated_obstacles else [state("collision.no-obstacles")]
+    said += [*_shapes(scene), *_unchecked_pairs(scene)]
+    clearance = scene.clearance(Q)
+    if scene.margin == 0 and clearance is not None and clearance.distance < 5e-3:
+        said.append(state("collision.very-near"))
+    return tuple(said)
+
+
+def _shapes(scene: Scene) -> list[Statement]:
+    said, robot = [], scene.robot
+    if scene.assumed:
+        radius = Quantity(float(scene.placed.radii[0]))
+        said.append(state("collision.shape-assumed", radius=radius, links=robot.unshaped or ("its links",)))
+    elif scene.unchecked:
+        said.append(state("collision.links-unchecked", links=scene.unchecked))
+    tools = [capsule for capsule in scene.placed.capsules if capsule.joint == TOOL]
+    if tools and not any(capsule.joint == TOOL for capsule in robot.shape):
+        name = "assumed" if robot.tool_radius is None else "stated"
+        free = Quantity(math.dist(tools[0].end, (0.0, 0.0, 0.0)), _STATED)
+        said.append(state(f"collision.tool-{name}", radius=Quantity(tools[0].radius, _STATED), free=free))
+    return said
+
+
+def _unchecked_pairs(scene: Scene) -> list[Statement]:
+    said = []
+    if scene.left_out:
+        said.append(state("collision.pairs-left-out", pairs=tuple(f"{a} with {b}" for a, b in scene.left_out)))
+    least: dict[tuple[str, str], float] = {}
+    for names, distance in scene.held:
+        least[names] = min(distance, least.get(names, distance))
+    if least:
+        pairs = tuple(f"{a} with {b} {Quantity(away, _STATED)}" for (a, b), away in least.items())
+        said.append(state("collision.pairs-closer", pairs=pairs, margin=Quantity(scene.margin, _STATED)))
+    return said
+
+
+@dataclass(frozen=True)
+class Gap:
+    """The narrowest gap at a posture."""
+
+    distance: float  # [m]; zero or less where the bodies overlap, but not how deep
+    between: tuple[str, str]  # a joint and an obstacle
+    start: Array  # (3,) point of the arm [m], world
+    end: Array  # (3,) point of the obstacle [m], world
+
+
+def narrowest(scene: Scene, q: Array) -> Gap | None:
+    """Narrowest gap at a posture (n,) to a stated obstacle, of pairs that keep the whole clearance, if any."""
+    stated = {obstacle.name for obstacle in scene.stated_obstacles}
+    counts = [len(scene.own) <= k and other in stated for k, (_, other) in enumerate(scene.pairs)]
+    kept = np.array(counts, dtype=bool) & (np.array(scene.required) >= scene.margin)
+    if not kept.any():
+        return None
+    distances = np.where(kept, scene.distances(q)[0], np.inf)
+    k = int(np.argmin(distances))
+    others = [(i, obstacle) for obstacle, chosen in zip(scene.obstacles, scene.against, strict=True) for i in chosen]
+    capsule, solid = others[k - len(scene.own)]
+    start, end = (ends[0, capsule] for ends in scene.placed.segments(np.atleast_2d(q)))
+
+    def away(points: Array) -> Array:
+        return solid.distance(points, points)
+
+    for _ in range(8):  # the distance is convex along the segment, of which (2 / 32)^8 is left
+        points = np.linspace(start, end, 32 + 1)
+        at = int(np.argmin(away(points)))
+        start, end = points[max(at - 1, 0)], points[min(at + 1, 32)]
+    on_axis, steps = np.asarray((start + end) / 2), 1e-6 * np.eye(3)
+    slope = away(on_axis + steps) - away(on_axis - steps)
+    outward = np.asarray(slope / 2e-6 / max(float(np.linalg.norm(slope / 2e-6)), 1e-12))  # zero inside
+    surface = on_axis - scene.placed.radii[capsule] * outward
+    return Gap(float(distances[k]), scene.pairs[k], surface, on_axis - float(away(on_axis)) * outward)

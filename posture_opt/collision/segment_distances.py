@@ -1,8 +1,4 @@
-"""Exact distances of segments to points, segments, boxes, cylinders and half-spaces, many at once.
-
-All of them are zero where the segment touches or enters the solid, but for the half-space, whose distance is then
-negative by the depth. The capsule around a segment is nearer by its radius.
-"""
+"""Exact distances of segments to points, segments and solids, many at once; zero where they enter."""
 
 from __future__ import annotations
 
@@ -14,34 +10,17 @@ from posture_opt.numerics import Array
 
 _MIN_DIVISOR = 1e-200
 """In place of zero in a division: a point has no direction."""
-_SECANT_STEPS = 20
-"""Steps of the false position that reach rounding between two corners."""
 
 
 def to_point(start: Array, end: Array, point: Array) -> Array:
-    """(...) distance of segments to points [m].
-
-    Args:
-        start, end: (..., 3) ends of the segments [m].
-        point: (3,) or (..., 3) [m].
-
-    Example:
-        >>> to_point(np.zeros(3), np.array([1.0, 0.0, 0.0]), np.array([0.5, 0.3, 0.0])).tolist()
-        0.3
-    """
+    """(...) distance of segments from (..., 3) to (..., 3) to points (..., 3) [m]."""
     along, away = end - start, point - start
     share = np.clip(_row_dot(away, along) / np.maximum(_row_dot(along, along), _MIN_DIVISOR), 0.0, 1.0)
     return np.asarray(np.linalg.norm(away - share[..., None] * along, axis=-1))
 
 
 def to_segment(start: Array, end: Array, other_start: Array, other_end: Array) -> Array:
-    """(...) distance of segments to other segments [m], parallel ones and points among them.
-
-    The least distance is reached at an end of one of the two, or in the interior of both (Lumelsky 1985).
-
-    Args:
-        start, end, other_start, other_end: (..., 3) ends of the segments [m], any frame.
-    """
+    """(...) distance of segments (..., 3) [m], reached at an end of one or inside both (Lumelsky 1985)."""
     ends = [
         to_point(other_start, other_end, start),
         to_point(other_start, other_end, end),
@@ -58,24 +37,8 @@ def to_segment(start: Array, end: Array, other_start: Array, other_end: Array) -
     return np.asarray(np.minimum(np.min(np.broadcast_arrays(*ends), axis=0), np.where(inside, across, np.inf)))
 
 
-def to_half_space(start: Array, end: Array, normal: Array, offset: float) -> Array:
-    """(...) least height of segments over the plane ``normal · x = offset`` [m]; negative below it.
-
-    Args:
-        start, end: (..., 3) ends of the segments [m].
-        normal: (3,) unit vector out of the solid.
-        offset: [m].
-    """
-    return np.asarray(np.minimum(start @ normal, end @ normal) - offset)
-
-
 def to_box(start: Array, end: Array, half: Array) -> Array:
-    """(...) distance of segments to a box about the origin [m].
-
-    Args:
-        start, end: (..., 3) ends of the segments [m], frame of the box.
-        half: (3,) half sides [m].
-    """
+    """(...) distance of segments (..., 3) to a box about the origin, half sides (3,) [m]."""
 
     def excess(points: Array) -> Array:
         return np.asarray(points - np.clip(points, -half, half))
@@ -86,13 +49,7 @@ def to_box(start: Array, end: Array, half: Array) -> Array:
 
 
 def to_cylinder(start: Array, end: Array, radius: float, half: float) -> Array:
-    """(...) distance of segments to the solid cylinder about the z axis [m].
-
-    Args:
-        start, end: (..., 3) ends of the segments [m], frame of the cylinder.
-        radius: [m].
-        half: half its length [m].
-    """
+    """(...) distance of segments (..., 3) to a solid cylinder about z, ``half`` its length [m]."""
 
     def excess(points: Array) -> Array:
         rho = np.linalg.norm(points[..., :2], axis=-1, keepdims=True)
@@ -106,22 +63,11 @@ def to_cylinder(start: Array, end: Array, radius: float, half: float) -> Array:
     wide = np.sqrt(np.maximum(radius**2 - _row_dot(foot, foot), 0.0) / flat)
     level = [(side * half - start[..., 2]) / rise for side in (-1, 1)]
     corners = np.stack(np.broadcast_arrays(middle - wide, middle + wide, *level), axis=-1)
-    return _least_distance(start, end, excess, corners, steps=_SECANT_STEPS)
+    return _least_distance(start, end, excess, corners, steps=20)  # reach rounding
 
 
 def _least_distance(start: Array, end: Array, excess: Callable[[Array], Array], corners: Array, steps: int) -> Array:
-    """(...) the least distance along the segments to a convex solid [m].
-
-    The squared distance is convex along the segment, and half its derivative is ``excess · (end − start)``, with
-    corners at the shares ``corners`` (..., k). Where it changes its sign is found by secants between the two corners
-    next to it, by the Illinois variant of the false position (Dowell and Jarratt 1971).
-
-    Args:
-        start, end: (..., 3) [m].
-        excess: points (..., 3) -> vector from the nearest point of the solid [m].
-        corners: (..., k) shares of the segment, of any order, beyond 0 and 1 too.
-        steps: secants; 1 where the derivative is linear between corners.
-    """
+    """(...) least distance to a convex solid: zero of ``excess · (end − start)``, convex along the segment."""
     start, end = np.broadcast_arrays(start, end)
     along = end - start
 
@@ -135,6 +81,7 @@ def _least_distance(start: Array, end: Array, excess: Callable[[Array], Array], 
     slopes = np.einsum("...ki,...i->...k", excess(points), along)
     low, high = np.max(np.where(slopes <= 0, shares, 0.0), axis=-1), np.min(np.where(slopes >= 0, shares, 1.0), axis=-1)
     below, above = slope(low), slope(high)
+    # False position, Illinois variant (Dowell and Jarratt 1971); one step where the slope is linear.
     for _ in range(steps):
         share = np.clip(low - below * (high - low) / np.maximum(above - below, _MIN_DIVISOR), low, high)
         found = slope(share)
@@ -147,7 +94,6 @@ def _least_distance(start: Array, end: Array, excess: Callable[[Array], Array], 
 
 
 def _away_from_zero(values: Array) -> Array:
-    """The values, with a tiny number in place of zero."""
     return np.where(np.abs(values) > _MIN_DIVISOR, values, _MIN_DIVISOR)
 
 

@@ -2,32 +2,33 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 
-from posture_opt.compensation.arrival_sides import Arrivals, arrivals_of, sided_joints
-from posture_opt.compensation.compensation import Compensation, joint_column
-from posture_opt.compensation.expected_miss import expected_miss
+from posture_opt.compensation.compensation import (
+    Arrivals,
+    Compensation,
+    arrivals_of,
+    expected_miss,
+    joint_column,
+    sided_joints,
+)
 from posture_opt.compensation.nearest_postures import NearestPostures, Poses
-from posture_opt.compensation.refusal import refusal_text
-from posture_opt.compensation.requirements import Requirements
 from posture_opt.compensation.starting_postures import starting_postures
 from posture_opt.compensation.targets import Targets, read_targets
+from posture_opt.compensation.task_postures import broken_requirements
 from posture_opt.errors import NoSolutionError
 from posture_opt.interrupts import interruptible
 from posture_opt.measurements.table import TableLike
 from posture_opt.model.arm import Arm
+from posture_opt.model.chain import stretched
 from posture_opt.numerics import Array, Mask
-from posture_opt.robot.robot import Robot
-from posture_opt.selection.answer.held_joints import with_held_joints
 from posture_opt.selection.problem_data import ProblemData
-from posture_opt.uncertainty.spread.joint_digits import JointDigits, joint_digits
+from posture_opt.selection.program.optimisation_problem import with_held_joints
+from posture_opt.uncertainty.spread.joint_digits import joint_digits
 from posture_opt.units import number
-
-_MAX_ROUNDS = 40  # of effects and chain in turn; effects of a thousandth of a joint's motion converge in five
-_FREE_SIDE_ROUNDS = 12  # rounds after which a joint's side stays what it is: one that hardly moves may not converge
-_JOINT_TOLERANCE = 1e-10  # rad or m
 
 
 @interruptible()
@@ -70,21 +71,24 @@ def compensate(problem: ProblemData, targets: TableLike | Targets) -> Compensati
 
 
 def _compensated(problem: ProblemData, rows: Targets) -> Compensation:
-    """The compensation of targets in the cell of a problem, its mounting plane included.
-
-    Raises:
-        NoSolutionError: targets that are refused.
-    """
-    wanted, arm = _wanted_poses(problem, rows), _planned_arm(problem)
-    solver = NearestPostures(arm.robot)
+    arm = problem.arm if problem.task is None else with_held_joints(problem.arm, problem.task)
+    wanted, solver = _wanted_poses(problem, rows), NearestPostures(arm.robot)
     start = starting_postures(problem, solver, rows, wanted)
     exact, solved_for, reached = _settled_postures(arm, solver, rows, start.aim, start.kept)
-    digits = joint_digits(problem, exact)
-    q = _rounded_joints(problem.robot, rows, exact, digits)
+    digits, q = joint_digits(problem, exact), exact.copy()
+    for j, joint in enumerate(problem.robot.joints):  # as they are written, in the unit of each column
+        _, factor = joint_column(rows, joint)
+        q[:, j] = np.round(exact[:, j] / factor, digits.decimals(joint, factor)) * factor
     came = arrivals_of(arm, rows, q)
-    refused = {**_off_plane(solver, arm.under(came.inputs(arm, rows)), wanted, q), **start.refused}
+    bent, bare = arm.under(came.inputs(arm, rows)), Arm(arm.robot)
+    p, p_bare = (np.asarray(of.position(q), dtype=float) for of in (bent, bare))
+    away = solver.off_plane(p, p - p_bare, wanted)
+    refused = {
+        int(k): f"the target lies {number(1e3 * away[k])} mm outside the plane that this arm moves in"
+        for k in np.flatnonzero(away)
+    } | dict(start.refused)
     met = reached & ~np.isin(np.arange(len(q)), list(refused))
-    refused |= Requirements(problem).broken(q, start.kept, np.flatnonzero(met))
+    refused |= broken_requirements(problem, q, start.kept, np.flatnonzero(met))
     reached[list(refused)] = False
     found = Compensation(
         problem, rows, wanted, start.near, q, digits, reached, refused, start.notes,
@@ -93,17 +97,11 @@ def _compensated(problem: ProblemData, rows: Targets) -> Compensation:
         side=came.side, unsettled=sided_joints(arm) & (came.side != solved_for.side),
     )  # fmt: skip
     if not reached.all():
-        raise NoSolutionError(refusal_text(found), found)
+        raise NoSolutionError(_refusal_text(found), found)
     return found
 
 
-def _planned_arm(problem: ProblemData) -> Arm:
-    """The arm, with the joints held that its task holds."""
-    return problem.arm if problem.task is None else with_held_joints(problem.arm, problem.task)
-
-
 def _wanted_poses(problem: ProblemData, rows: Targets) -> Poses:
-    """Wanted poses (N, world): as the file says, or where the nominal arm would be with the given joints."""
     if rows.position is not None:
         return Poses(rows.position, rows.rotation)
     assert rows.near is not None, "without a place there are joints"
@@ -114,35 +112,27 @@ def _wanted_poses(problem: ProblemData, rows: Targets) -> Poses:
 def _settled_postures(
     arm: Arm, solver: NearestPostures, rows: Targets, wanted: Poses, near: Array
 ) -> tuple[Array, Arrivals, Mask]:
-    """Postures (N, n) [rad or m], the arrivals that they were solved for, and whether they reach their poses (N,).
-
-    What effects add at the present postures is subtracted from the targets, the chain is solved for these, and again,
-    up to `_MAX_ROUNDS` times: the side from which a joint arrives depends on the postures found. The fixed point
-    contracts by the slope of the effects, a thousandth or so.
-    """
+    """Postures (N, n) [rad or m], effects subtracted and the chain solved in turn; their arrivals; which arrive."""
     if not arm.effects:
         q = solver.solve(wanted, near)
         return q, arrivals_of(arm, rows, q), solver.reached(q, wanted)
     q, came, aimed = near, arrivals_of(arm, rows, near), wanted
-    for round_ in range(_MAX_ROUNDS):
+    for round_ in range(40):  # effects of a thousandth of a joint's motion converge in five
         aimed = _without_effects(arm.under(came.inputs(arm, rows)), wanted, q)
         moved = solver.solve(aimed, near, q)
         there = solver.reached(moved, aimed)  # the others would not converge
         change, q = float(np.abs(moved - q)[there].max(initial=0.0)), moved
         fresh = arrivals_of(arm, rows, q)
-        if round_ >= _FREE_SIDE_ROUNDS:
+        if round_ >= 12:  # a side that hardly moves may not converge
             fresh = Arrivals(came.side, fresh.way)
-        if change < _JOINT_TOLERANCE and (fresh.side == came.side).all():
+        if change < 1e-10 and (fresh.side == came.side).all():  # rad or m
             break
         came = fresh
     return q, came, solver.reached(q, aimed)
 
 
 def _without_effects(arm: Arm, wanted: Poses, q: Array) -> Poses:
-    """The poses that the chain has to reach so that the arm with its effects comes to the wanted ones.
-
-    ``p_chain = p_wanted − (p_arm − p_bare)`` and ``R_chain = (R_arm R_bareᵀ)ᵀ R_wanted``, all at the postures q (N, n).
-    """
+    """``p_chain = p_wanted − (p_arm − p_bare)``, ``R_chain = (R_arm R_bareᵀ)ᵀ R_wanted`` at postures q (N, n)."""
     T, bare = np.asarray(arm.pose(q), dtype=float), np.asarray(Arm(arm.robot).pose(q), dtype=float)
     position = wanted.position - (T[:, :3, 3] - bare[:, :3, 3])
     back = (T[:, :3, :3] @ bare[:, :3, :3].transpose(0, 2, 1)).transpose(0, 2, 1)
@@ -151,20 +141,45 @@ def _without_effects(arm: Arm, wanted: Poses, q: Array) -> Poses:
     return replace(wanted, position=position, rotation=rotation, axis=axis)
 
 
-def _off_plane(solver: NearestPostures, arm: Arm, wanted: Poses, q: Array) -> dict[int, str]:
-    """Row -> why it is refused, of targets outside of the plane that the arm moves in; its postures are q (N, n)."""
-    p, bare = np.asarray(arm.position(q), dtype=float), np.asarray(Arm(arm.robot).position(q), dtype=float)
-    distance = solver.off_plane(p, p - bare, wanted)
-    return {
-        int(k): f"the target lies {number(1e3 * distance[k])} mm outside the plane that this arm moves in"
-        for k in np.flatnonzero(distance)
-    }
+def _refusal_text(found: Compensation) -> str:
+    bad, targets = np.flatnonzero(~found.reached), found.targets
+    lines = [f"{len(bad)} of {len(found)} targets cannot be reached"]
+    for k in bad[:20].tolist():
+        lines.append(f"{targets.file}:{targets.line[k]}: {found.reasons.get(k) or _unreached_reason(found, k)}")
+    lines += [f"and {len(bad) - 20} more"] if len(bad) > 20 else []
+    lines += _common_hint(found)
+    if targets.near is not None and targets.position is not None and found.reasons:
+        hint = (
+            "postures stay near the joint values of the file: without these columns others are found, if there are any"
+        )
+        lines.append(hint)
+    return "\n".join(lines)
 
 
-def _rounded_joints(robot: Robot, rows: Targets, q: Array, digits: JointDigits) -> Array:
-    """Joint values (N, n) [rad or m] as they are written: rounded in the unit of each column."""
-    columns = []
-    for joint, values in zip(robot.joints, q.T, strict=True):
-        _, factor = joint_column(rows, joint)
-        columns.append(np.round(values / factor, digits.decimals(joint, factor)) * factor)
-    return np.column_stack(columns)
+def _unreached_reason(found: Compensation, k: int) -> str:
+    robot = found.problem.robot
+    held = [
+        f"{joint.name} at its {'upper' if value > (joint.lower + joint.upper) / 2 else 'lower'} limit"
+        for joint, value in zip(robot.joints, found.q[k], strict=True)
+        if min(value - joint.lower, joint.upper - value) < max(1e-9, found.digits.turn)
+    ]
+    because = f" ({', '.join(held)})" if held else ""
+    off, turned = found.after.off[k], found.after.turned[k]
+    if off > 10 * found.digits.turn * robot.length + 1e-6:
+        return f"the tool point stays {number(1e3 * off)} mm away{because}"
+    return f"the tool comes there only turned by {number(math.degrees(turned))} deg{because}"
+
+
+def _common_hint(found: Compensation) -> list[str]:
+    first, longest = stretched(found.problem.robot)
+    away = np.linalg.norm(found.wanted.position - first, axis=1)
+    if not (away > longest).all():
+        return []
+    stretches = f"the arm stretches to {longest * 1e3:.0f} mm"
+    if float(away.min()) > 3.0 * longest:
+        return [f"{stretches}: is the unit of x, y, z right?"]
+    origin = ", ".join(f"{1e3 * float(x):.0f}" for x in first)
+    return [
+        f"{stretches} from its first joint, at ({origin}) mm in the world frame of the problem file: "
+        'if the targets are in the frame of the robot, add --base "0, 0, 0"'
+    ]

@@ -1,9 +1,4 @@
-"""The postures of a chain that bring its tool to wanted poses and lie nearest to given ones, many at once.
-
-Newton's method with priorities: first the tool point, then what orientation the arm has freedom for, then the distance
-to the given posture, each in the null space of those before (Nakamura, Hanafusa, Yoshikawa 1987). A joint that a step
-would drive beyond its limit is set to it and the step is made by the others (Flacco, De Luca, Khatib 2012).
-"""
+"""Prioritised inverse kinematics of many poses (Nakamura 1987) with saturated limits (Flacco et al. 2012)."""
 
 from __future__ import annotations
 
@@ -12,41 +7,25 @@ from dataclasses import dataclass
 import numpy as np
 
 from posture_opt.model.arm import Arm
-from posture_opt.model.reach_bound import stretched
+from posture_opt.model.chain import stretched
 from posture_opt.numerics import Array, Mask
-from posture_opt.robot.joint_ranges import drawn_between
+from posture_opt.robot.posture import drawn_between
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.program.task_target import Reach
 
 REACHED_TOLERANCE = 1e-7
 """m and rad: what a posture leaves of a pose that it reaches; steps that converge leave 1e-12."""
-_MAX_STEPS = 80
-_MAX_STEP = 0.3  # rad or m: longer steps of a linear model of a rotation mean nothing
-_STEP_TOLERANCE = 1e-11  # rad or m: rounding, where the Jacobian is poor
-_DAMPING_SHARE = 0.1  # of the squared error (Sugihara 2011)
-_MIN_DAMPING = 1e-16  # rad² or m²: singular values below 1e-8 move nothing
-_BOUND_MARGIN = 1e-9  # rad or m: a fit within bounds starts off them
 _DIFFERENCE_STEP = 1e-7  # rad or m
-_MAX_FIT_EVALUATIONS = 100  # evaluations of a least squares fit; where a pose can be reached it takes 10 to 30
-_MAX_FIT_EVALUATIONS_BEYOND = 15  # where none can: a fit only says by how much it fails
-_FREEDOM_SAMPLES = 12  # random postures at which freedom is counted
 
 
 @dataclass(frozen=True, eq=False)
 class Poses:
-    """N wanted poses: tool points (N, 3) [m] and orientations (N, 3, 3), or any; world.
-
-    ``rotation`` is None where any orientation serves, or where ``axis`` says more of it.
-
-    Args:
-        axis: (N, 3) unit vectors, world, that the tool axis is held along; rows of NaN leave it free.
-        tool_axis: (3,) unit vector, tool frame.
-    """
+    """N wanted tool points (N, 3) [m] and orientations (N, 3, 3), None for any or where ``axis`` holds more; world."""
 
     position: Array
     rotation: Array | None
-    axis: Array | None = None
-    tool_axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    axis: Array | None = None  # (N, 3) unit vectors, world, that the tool axis is held along; rows of NaN leave it free
+    tool_axis: tuple[float, float, float] = (0.0, 0.0, 1.0)  # (3,) unit vector, tool frame
 
     def take(self, rows: Mask) -> Poses:
         """The poses of some rows, given as a mask (N,)."""
@@ -55,24 +34,17 @@ class Poses:
 
     def repeated(self, count: int) -> Poses:
         """One pose ``count`` times, to be compared with as many postures."""
-        rotation, axis = (
-            None if given is None else np.repeat(given, count, axis=0) for given in (self.rotation, self.axis)
-        )
+        given = self.rotation, self.axis
+        rotation, axis = (None if one is None else np.repeat(one, count, axis=0) for one in given)
         return Poses(np.repeat(self.position, count, axis=0), rotation, axis, self.tool_axis)
 
 
 @dataclass(frozen=True, eq=False)
 class Misses:
-    """What N postures miss of their poses: wanted minus reached.
+    """Wanted minus reached poses of N postures."""
 
-    Args:
-        position: (N, 3) of the tool point [m], world.
-        rotation: (N, 3) rotation vectors [rad], world, that turn the reached orientation into the wanted one; where
-            the tool axis alone is held, those that turn it.
-    """
-
-    position: Array
-    rotation: Array
+    position: Array  # (N, 3) of the tool point [m], world
+    rotation: Array  # (N, 3) vectors [rad], world, that turn the reached orientation, or tool axis, into the wanted one
 
 
 class NearestPostures:
@@ -102,33 +74,21 @@ class NearestPostures:
 
     def misses(self, q: Array, wanted: Poses) -> Misses:
         """What postures (N, n) [rad or m] miss of N wanted poses."""
-        T = np.asarray(self._arm.pose(q), dtype=float)
-        return pose_misses(T, wanted)
+        return pose_misses(np.asarray(self._arm.pose(q), dtype=float), wanted)
 
     def solve(self, wanted: Poses, near: Array, start: Array | None = None) -> Array:
-        """Postures (N, n) at the wanted poses, or as near as they come, that lie nearest to ``near`` (N, n).
-
-        ``min |q − near|²`` subject to ``f(q) = pose`` and the limits. Rows at which Newton's method does not converge
-        are fitted one by one.
-
-        Args:
-            near: (N, n) [rad or m]; start: (N, n) where the iteration begins, ``near`` by default.
-        """
+        """``min |q − near|²`` with ``f(q) = pose`` and limits (N, n) [rad or m]; rows that diverge are fitted one by
+        one."""
         q, beyond = self.followed(wanted, near, start), self.beyond(wanted)
         for row in np.flatnonzero(~self.reached(q, wanted)):
             one = wanted.take(np.arange(len(q)) == row)
-            q[row] = self._fitted_posture(
-                one, q[row], _MAX_FIT_EVALUATIONS_BEYOND if beyond[row] else _MAX_FIT_EVALUATIONS
-            )
+            # A reachable pose takes 10 to 30 evaluations; of others a fit only says by how much it fails.
+            q[row] = self._fitted_posture(one, q[row], 15 if beyond[row] else 100)
         return q
 
     def off_plane(self, p: Array, by_effects: Array, wanted: Poses) -> Array:
-        """(N,) distance [m] of targets from the plane, or line, that the arm moves its tool point in; 0 for in it.
-
-        Args:
-            p: (N, 3) where the tool point comes nearest to its target [m], world.
-            by_effects: (N, 3) shift of the tool point by effects, which may lead out of the plane [m].
-        """
+        """(N,) distance [m] of targets from the arm's plane, beyond the ``by_effects`` (N, 3) shift of its points p
+        (N, 3)."""
         off, allowed = (np.linalg.norm(v @ self._normals, axis=1) for v in (wanted.position - p, by_effects))
         return np.asarray(np.where(off > self._plane_slack + allowed, off, 0.0))
 
@@ -137,27 +97,23 @@ class NearestPostures:
         return np.asarray(np.linalg.norm(wanted.position - self._first, axis=1) > self._stretched)
 
     def followed(self, wanted: Poses, near: Array, start: Array | None = None) -> Array:
-        """Where Newton's method ends (N, n): at the poses, or anywhere if it does not converge.
-
-        Every step is no longer than `_MAX_STEP` in any joint and stays within the limits.
-        """
+        """(N, n) end of Newton's method, each step within limits and 0.3 rad or m."""
         q = np.clip(near if start is None else start, self._lower, self._upper).copy()
         open_rows = np.ones(len(q), dtype=bool)
-        for _ in range(_MAX_STEPS):
+        for _ in range(80):
             step = self._step(q[open_rows], wanted.take(open_rows), near[open_rows])
             longest = np.abs(step).max(axis=1, initial=0.0)
-            step *= np.minimum(1.0, _MAX_STEP / np.maximum(longest, 1e-300))[:, None]
+            # Longer steps [rad or m] of a linear model of a rotation mean nothing.
+            step *= np.minimum(1.0, 0.3 / np.maximum(longest, 1e-300))[:, None]
             q[open_rows] = np.clip(q[open_rows] + step, self._lower, self._upper)
-            open_rows[np.flatnonzero(open_rows)[longest < _STEP_TOLERANCE]] = False
+            # Less [rad or m] is rounding, where the Jacobian is poor.
+            open_rows[np.flatnonzero(open_rows)[longest < 1e-11]] = False
             if not open_rows.any():
                 break
         return q
 
     def _fitted_posture(self, one: Poses, near: Array, most: int) -> Array:
-        """The posture (n,) that comes nearest to a pose, where Newton's method does not converge.
-
-        Beside singular postures its steps jump to and fro; a least squares fit gets there, or shows that nothing does.
-        """
+        """(n,) nearest posture by least squares: beside singular postures Newton's steps jump to and fro."""
         from scipy.optimize import least_squares
 
         def left(q: Array) -> Array:
@@ -170,7 +126,7 @@ class NearestPostures:
             rows = np.hstack([moved.position @ self.directions, moved.rotation * self._rotation_weight])
             return np.asarray((rows[1:] - rows[0]).T / _DIFFERENCE_STEP)
 
-        start = np.clip(near, self._lower + _BOUND_MARGIN, self._upper - _BOUND_MARGIN)
+        start = np.clip(near, self._lower + 1e-9, self._upper - 1e-9)  # a fit within bounds starts off them
         found = least_squares(
             left, start, slopes, bounds=(self._lower, self._upper), xtol=1e-15, ftol=1e-15, gtol=1e-12, max_nfev=most
         )
@@ -190,17 +146,16 @@ class NearestPostures:
         return np.asarray((off < REACHED_TOLERANCE) & (turned < REACHED_TOLERANCE))
 
     def _step(self, q: Array, wanted: Poses, near: Array) -> Array:
-        """One step (N, n) of every row.
-
-        Joints that it would drive beyond a limit are set to it and taken out, one round each.
-        """
+        """One step (N, n); joints driven beyond a limit are set to it and taken out, one round each."""
         left = self.misses(q, wanted)
         J = np.asarray(self._arm.jacobian(q), dtype=float)
         parts = [(self.directions.T @ J[:, :3], left.position @ self.directions, self.directions.shape[1])]
         if wanted.rotation is not None:
             parts.append((J[:, 3:], left.rotation, min(self.turns, 3)))
         elif wanted.axis is not None:
-            parts.append((_across(wanted.axis) @ J[:, 3:], left.rotation, min(self.turns, 2)))
+            # Projectors across the axes; an axis of NaN holds nothing.
+            across = np.nan_to_num(np.eye(3) - wanted.axis[:, :, None] * wanted.axis[:, None, :], nan=0.0)
+            parts.append((across @ J[:, 3:], left.rotation, min(self.turns, 2)))
         free, held = np.ones_like(q), np.zeros_like(q)
         step = held
         for _ in range(self.robot.n):
@@ -214,24 +169,15 @@ class NearestPostures:
         return step
 
     def _freedom(self) -> int:
-        """The rank of point and rotation together, the largest over random postures.
-
-        What a calibrated arm gains by axes that are not quite parallel is no freedom: singular values below twice its
-        skew count as zero.
-        """
         rng = np.random.default_rng(0)
-        q = rng.uniform(*drawn_between(self.robot), (_FREEDOM_SAMPLES, self.robot.n))
+        q = rng.uniform(*drawn_between(self.robot), (12, self.robot.n))
         J = np.asarray(self._arm.jacobian(q), dtype=float)
         parts = np.concatenate([self.directions.T @ J[:, :3], J[:, 3:]], axis=1)
         return int(np.linalg.matrix_rank(parts, tol=max(1e-7, 2 * min(self.robot.skew, 0.05))).max())
 
 
 def pose_misses(T: Array, wanted: Poses) -> Misses:
-    """What poses (N, 4, 4) leave of the wanted ones; where any orientation serves, nothing of the rotation.
-
-    ``wanted.position − p`` and the rotation vector of ``R_wanted Rᵀ``, both in the world; of an axis the shortest
-    rotation that turns the reached one into it.
-    """
+    """``wanted.position − p`` and rotation vectors of ``R_wanted Rᵀ`` at poses (N, 4, 4), world; 0 where any does."""
     position = wanted.position - T[:, :3, 3]
     if wanted.rotation is None and wanted.axis is not None:
         return Misses(position, _turns_between(T[:, :3, :3] @ np.array(wanted.tool_axis), wanted.axis))
@@ -249,12 +195,6 @@ def _turns_between(reached: Array, wanted: Array) -> Array:
     return np.asarray(across * np.divide(angle, sine, out=np.ones_like(sine), where=sine > 0)[:, None])
 
 
-def _across(axis: Array) -> Array:
-    """(N, 3, 3) projectors across unit vectors (N, 3); zero for NaN, which holds nothing."""
-    projector = np.eye(3) - axis[:, :, None] * axis[:, None, :]
-    return np.asarray(np.nan_to_num(projector, nan=0.0))
-
-
 def rotation_vectors(R: Array) -> Array:
     """(N, 3) axis times angle [rad] of rotations (N, 3, 3), exact for small angles and up to half a turn."""
     v = np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], axis=1) / 2
@@ -270,13 +210,7 @@ def rotation_vectors(R: Array) -> Array:
 
 
 def _prioritised_step(parts: list[tuple[Array, Array, int]], to_near: Array, free: Array, held: Array) -> Array:
-    """(N, n) the step: each part (A, b, rank) as ``A dq = b`` in the null space of those before, then towards near.
-
-    Args:
-        parts: (A (N, m, n), b (N, m), rank) each, the most important first.
-        to_near: (N, n) difference to the posture to stay near.
-        free: (N, n) 1 where a joint moves; held: (N, n) the step of the others.
-    """
+    """(N, n) step: each (A (N, m, n), b (N, m), rank) as ``A dq = b`` in the null space of those before, then near."""
     step = held.copy()
     null = free[:, :, None] * np.eye(free.shape[1])
     for A, b, rank in parts:
@@ -289,13 +223,9 @@ def _prioritised_step(parts: list[tuple[Array, Array, int]], to_near: Array, fre
 
 
 def _damped_inverse(A: Array, rank: int, squared: Array) -> Array:
-    """(N, n, m) damped pseudo-inverses of (N, m, n), at most ``rank`` singular values of each.
-
-    ``V diag(s / (s² + λ)) Uᵀ`` with λ proportional to the squared error (Sugihara 2011): no damping where the pose is
-    reached, so that convergence stays quadratic.
-    """
+    """``V diag(s / (s² + λ)) Uᵀ`` (N, n, m), λ proportional to the squared error (Sugihara 2011)."""
     U, s, V = np.linalg.svd(A, full_matrices=False)
     kept = s[:, :rank]
-    weights = kept / (kept**2 + (_DAMPING_SHARE * squared + _MIN_DAMPING)[:, None])
+    weights = kept / (kept**2 + (0.1 * squared + 1e-16)[:, None])  # singular values below 1e-8 move nothing
     inverse: Array = np.einsum("nki,nk,nmk->nim", V[:, :rank], weights, U[:, :, :rank])
     return inverse

@@ -10,72 +10,40 @@ import numpy as np
 from posture_opt.limits import MOST_COMPENSATED
 from posture_opt.measurements.columns import AXES, Cells, Column, check_inputs, read_cells
 from posture_opt.measurements.data_section import DataSpec
-from posture_opt.measurements.faults import Faults
 from posture_opt.measurements.header import column_kinds, known_columns
 from posture_opt.measurements.measurements import nominal_poses, still_axes
 from posture_opt.measurements.orientation_columns import incomplete_orientation, is_oriented, orientation_of
 from posture_opt.measurements.rotations import rotation_matrices
-from posture_opt.measurements.table import TableLike, open_table
+from posture_opt.measurements.table import Faults, TableLike, open_table
 from posture_opt.numerics import Array, Codes
 from posture_opt.robot.robot import Robot
-
-_MEASURED_ONLY_COLUMNS = ("target", "robot", "point")
-_LIMIT_TOLERANCE = 1e-6  # rad or m: rounding of a limit that was written with six digits
 
 
 @dataclass(frozen=True, eq=False)
 class Targets:
-    """N targets in the order of the file.
+    """N targets in the order of the file."""
 
-    Args:
-        headers: of all columns, as given; cells: (N rows) their texts.
-        columns: what each known column is, by name.
-        position: (N, 3) wanted tool point, world [m]; ``None`` where the file has joint values alone.
-        rotation: (N, 3, 3) wanted orientation of the tool in the world, or ``None``: any.
-        near: (N, n) the postures to stay near [rad or m], or ``None``.
-        side: (N, n) the stated side from which a joint arrives, -1 or +1; 0 where the row before says it.
-        payload: (N,) [kg], temperature: (N,) [degC], time: (N,) [s]; ``None`` without the column.
-        line: (N,) of each row in ``file``.
-        separator: of its cells; ``decimal`` the mark in its numbers.
-    """
-
-    headers: tuple[str, ...]
-    cells: tuple[tuple[str, ...], ...]
-    columns: Mapping[str, Column]
-    position: Array | None
-    rotation: Array | None
-    near: Array | None
-    side: Array
-    payload: Array | None
-    temperature: Array | None
-    time: Array | None
-    line: Codes
+    headers: tuple[str, ...]  # of all columns, as given
+    cells: tuple[tuple[str, ...], ...]  # (N rows) their texts
+    columns: Mapping[str, Column]  # what each known column is, by name
+    position: Array | None  # (N, 3) wanted tool point, world [m]; None where the file has joint values alone
+    rotation: Array | None  # (N, 3, 3) wanted orientation of the tool in the world, or None: any
+    near: Array | None  # (N, n) the postures to stay near [rad or m], or None
+    side: Array  # (N, n) the stated side from which a joint arrives, -1 or +1; 0 where the row before says it
+    payload: Array | None  # (N,) [kg]; None without the column
+    temperature: Array | None  # (N,) [degC]
+    time: Array | None  # (N,) [s]
+    line: Codes  # (N,) of each row in file
     file: str
-    separator: str = ","
-    decimal: str = "."
+    separator: str = ","  # of its cells
+    decimal: str = "."  # mark in its numbers
 
     def __len__(self) -> int:
-        """The number of targets."""
         return len(self.line)
 
 
 def read_targets(source: TableLike, robot: Robot) -> Targets:
-    """The targets in a CSV file, a pandas DataFrame or a mapping from column head to values.
-
-    Columns are those of measurements: joints, ``x, y, z``, ``qw, qx, qy, qz`` (or ``roll, pitch, yaw``, or ``rx, ry,
-    rz``), ``JOINT.approach``, ``payload``, ``temperature``, ``time``, ``pose`` and ``goal``; joints may be left out, or
-    the tool point.
-
-    Raises:
-        InputError: everything wrong with the file, each with line, column and a hint.
-
-    Example:
-        >>> import posture_opt as po
-        >>> robot = po.load_problem("insert_planar_2r_calibrated").robot
-        >>> rows = read_targets({"x [mm]": [1000.0, 1100.0], "y [mm]": [300.0, 300.0]}, robot)
-        >>> len(rows), rows.position[1].tolist()
-        (2, [1.1, 0.3, 0.0])
-    """
+    """Targets of a table with columns of measurements, joints or the tool point left out; InputError for all faults."""
     table = open_table(source, column_kinds(robot))
     faults = table.faults
     columns, meant = known_columns(table.titles, robot, table.line, faults)
@@ -91,7 +59,7 @@ def read_targets(source: TableLike, robot: Robot) -> Targets:
     position = _wanted_positions(cells, columns, robot)
     turned = orientation_of(cells, columns, robot, DataSpec(), faults)
     faults.refuse()
-    texts = [[_cell_text(cell) for cell in column] for block in blocks for column in zip(*block.cells, strict=True)]
+    texts = [[_cell_text(cell) for cell in row] for block in blocks for row in zip(*block.cells, strict=True)]
     return Targets(
         table.titles, tuple(map(tuple, texts)), columns, position,
         None if turned is None else rotation_matrices(turned.quaternions()), near, _stated_sides(cells, robot),
@@ -101,9 +69,8 @@ def read_targets(source: TableLike, robot: Robot) -> Targets:
 
 
 def _check_missing(columns: dict[str, Column], meant: set[str], robot: Robot, line: int, faults: Faults) -> None:
-    """Faults of the header: columns of measurements, joints or coordinates that are missing."""
     there = {*columns, *meant}
-    for name in _MEASURED_ONLY_COLUMNS:
+    for name in ("target", "robot", "point"):  # columns of measurements alone
         if name in columns:
             faults.add("targets have no such column", name, hint="leave it out: it belongs to measurements", line=line)
     joints = [joint for joint in robot.joints if joint.name in there]
@@ -113,14 +80,12 @@ def _check_missing(columns: dict[str, Column], meant: set[str], robot: Robot, li
             unit = "deg" if joint.type == "revolute" else "mm"
             hint = f"add {joint.name} [{unit}], or leave out all joints"
             faults.add("the column of this joint is missing", joint.name, hint=hint, line=line)
-    still = still_axes(robot)
-    for axis, fixed in zip(AXES, still, strict=True):
+    for axis, fixed in zip(AXES, still_axes(robot), strict=True):
         if axes and axis not in there and not fixed:
             faults.add(f"the column {axis} is missing", axis, hint=f"add {axis} [mm]", line=line)
     if not axes and not joints:
-        faults.add(
-            "nothing says where to go", hint="add x [mm], y [mm], z [mm], or a column for every joint", line=line
-        )
+        hint = "add x [mm], y [mm], z [mm], or a column for every joint"
+        faults.add("nothing says where to go", hint=hint, line=line)
     incomplete_orientation(there, robot, line, faults)
     if is_oriented(columns, robot) and not axes:
         faults.add("an orientation without a place", hint="add x [mm], y [mm], z [mm]", line=line)
@@ -134,9 +99,8 @@ def _near_postures(cells: Cells, columns: Mapping[str, Column], robot: Robot, fa
     q = np.column_stack([values for values in found if values is not None])
     for values, joint in zip(q.T, robot.joints, strict=True):
         column = columns[joint.name]
-        for row in np.flatnonzero(
-            (values > joint.upper + _LIMIT_TOLERANCE) | (values < joint.lower - _LIMIT_TOLERANCE)
-        ):
+        # Limits are written with six digits.
+        for row in np.flatnonzero((values > joint.upper + 1e-6) | (values < joint.lower - 1e-6)):
             bounds = ", ".join(f"{bound / column.factor:.6g}" for bound in (joint.lower, joint.upper))
             message = f"{values[row] / column.factor:.6g} {column.unit} lies beyond its limits [{bounds}]"
             hint = "correct the value, its unit, or the limits of the joint"
@@ -148,10 +112,8 @@ def _wanted_positions(cells: Cells, columns: Mapping[str, Column], robot: Robot)
     """Wanted points (N, 3) [m], world, or ``None``; a coordinate that the arm cannot change may be missing."""
     if not any(axis in columns for axis in AXES):
         return None
-    fixed = nominal_poses(robot, np.array([robot.lower]))[0][0]
-    found = [cells.number(axis) for axis in AXES]
-    count = len(cells.line)
-    return np.column_stack([np.full(count, fixed[k]) if v is None else v for k, v in enumerate(found)])
+    fixed, found = nominal_poses(robot, np.array([robot.lower]))[0][0], [cells.number(axis) for axis in AXES]
+    return np.column_stack([np.full(len(cells.line), fixed[k]) if v is None else v for k, v in enumerate(found)])
 
 
 def _stated_sides(cells: Cells, robot: Robot) -> Array:
@@ -165,5 +127,4 @@ def _stated_sides(cells: Cells, robot: Robot) -> Array:
 
 
 def _cell_text(cell: object) -> str:
-    """A cell as it is written again: strings stripped, floats with all their digits."""
     return cell.strip() if isinstance(cell, str) else repr(float(cell)) if isinstance(cell, float) else str(cell)

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
+from posture_opt.calibration.assumptions.contradictions import GeometricDeviation
 from posture_opt.calibration.calibrate import stated_errors
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.cross_validation import HeldOut
@@ -16,46 +17,34 @@ from posture_opt.calibration.doubts import Doubt
 from posture_opt.calibration.estimation.error_statistics import By, Statistics
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.fit_request import FitRequest
-from posture_opt.calibration.large_file import LargeFile
-from posture_opt.calibration.scatter_change import ScatterChange, scatter_change
-from posture_opt.calibration.start_up import StartUp, start_up
+from posture_opt.calibration.second_file import LargeFile
+from posture_opt.calibration.start_up import ScatterChange, StartUp, scatter_change, start_up
 from posture_opt.calibration.weights import Reading
-from posture_opt.diagnosis.cause_actions import CauseAction, cause_actions
-from posture_opt.diagnosis.cause_statements import geometric
-from posture_opt.diagnosis.causes.causes import (
-    Finding,
-    tool_shifts,
-    unknowable_causes,
-)
-from posture_opt.diagnosis.causes.delivered_effects import Delivery
-from posture_opt.diagnosis.causes.extended_arm import extended_arm
+from posture_opt.diagnosis.cause_statements import CauseAction, cause_actions
+from posture_opt.diagnosis.causes.causes import Finding, tool_shifts, unknowable_causes
+from posture_opt.diagnosis.causes.delivered_arm import Delivery, extended_arm
+from posture_opt.diagnosis.causes.geometry_causes import Correction, determined_corrections
 from posture_opt.diagnosis.causes.sessions import Gain, SecondSession
 from posture_opt.diagnosis.diagnosis_statements import statements_of
-from posture_opt.diagnosis.discrimination.discrimination_plan import DiscriminationPlan, plan_discrimination
-from posture_opt.diagnosis.geometry_corrections import Correction, determined_corrections, largest_correction
+from posture_opt.diagnosis.discrimination_plan import DiscriminationPlan, plan_discrimination
 from posture_opt.diagnosis.measured_goals import MeasuredGoals, measured_goals
-from posture_opt.diagnosis.noise.noise_causes import known_sides, sided_joints
-from posture_opt.diagnosis.noise.repeat_plan import RepeatPlan, plan_repeats
-from posture_opt.diagnosis.noise.uneven_noise import UnevenErrors
-from posture_opt.diagnosis.noise_floor import NoiseFloor
+from posture_opt.diagnosis.noise.noise_causes import NoiseFloor, known_sides, sided_joints
+from posture_opt.diagnosis.noise.uneven_noise import RepeatPlan, UnevenErrors, plan_repeats
 from posture_opt.diagnosis.scores import levels
-from posture_opt.diagnosis.scores.candidates import Candidate
+from posture_opt.diagnosis.scores.candidates import Candidate, LinearisedData, linearise_calibration
 from posture_opt.diagnosis.scores.lack_of_fit import Adequacy
 from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent
-from posture_opt.diagnosis.search.linearised_data import LinearisedData, linearise_calibration
 from posture_opt.diagnosis.search.search import SearchResult
 from posture_opt.measurements.repeats import Contrasts, repeat_groups
-from posture_opt.model.effects import StatedSigma
+from posture_opt.model.effects import Cause, StatedSigma
 from posture_opt.numerics import Array, Codes, Json, Mask, rms, rms_length
 from posture_opt.result import Result
 from posture_opt.selection.comparison.comparison import Comparison
-from posture_opt.selection.fitted_arm import FittedArm
-from posture_opt.selection.problem_data import ProblemData
+from posture_opt.selection.problem_data import FittedArm, ProblemData
 from posture_opt.statements import Statement
 from posture_opt.validation.calibrated_arm import calibrated_models, compare_models
-from posture_opt.validation.repeat_scatter import prismatic_joints
+from posture_opt.validation.prediction import prismatic_joints
 
-_MAX_SCATTERING_JOINTS = 2  # joints that one arm may have scattering at once
 Outcome = Literal["effects_found", "none_found", "unexplained", "insufficient_data"]
 
 
@@ -123,7 +112,8 @@ class Diagnosis(Result):
     @cached_property
     def fitted_arm(self) -> FittedArm:
         """The arm that is delivered, as a problem takes it over."""
-        return extended_arm(self.problem, self.calibration, self.model, self.delivery, self.effects, self.errors)
+        noises = [f.noise for f in self.effects if f.noise is not None]
+        return extended_arm(self.problem, self.calibration, self.model, self.delivery, noises, self.errors)
 
     @cached_property
     def delivered(self) -> tuple[float, int]:
@@ -166,7 +156,7 @@ class Diagnosis(Result):
     @cached_property
     def statements(self) -> tuple[Statement, ...]:
         """What it has to say, the errors first."""
-        return statements_of(self)
+        return tuple(statements_of(self))
 
     @property
     def fitted_effects(self) -> tuple[tuple[int, Finding], ...]:
@@ -199,8 +189,11 @@ class Diagnosis(Result):
     @property
     def unbuildable(self) -> Correction | None:
         """The largest certain correction, where the geometry is a cause and no arm is built with it."""
-        largest = largest_correction(self.corrections)
-        return largest if largest is not None and largest.excess > 1 and geometric(self) else None
+        sure = (c for c in self.corrections if c.certain)
+        largest = max(sure, key=lambda c: c.excess, default=None)
+        frames = ("base_frame", "tool_frame")
+        geometric = any(isinstance(f.cause, GeometricDeviation) and f.kind not in frames for f in self.effects)
+        return largest if largest is not None and largest.excess > 1 and geometric else None
 
     @cached_property
     def noise_floor(self) -> NoiseFloor:
@@ -226,7 +219,7 @@ class Diagnosis(Result):
     def repeats_decide(self) -> bool:
         """Whether repeats of postures are all that is missing to separate scatter from structure."""
         structured = self.unexplained or self.adequacy.p_value < levels.LACK_OF_FIT_LEVEL
-        return 0 < len(self.repeat_plans) <= _MAX_SCATTERING_JOINTS and not structured
+        return 0 < len(self.repeat_plans) <= 2 and not structured  # joints that scatter at once
 
     def shift_at_tool(self, finding: Finding) -> float | None:
         """RMS shift [m] of the tool point in the data that geometry could not imitate; of scatter, its largest σ.
@@ -256,27 +249,28 @@ class Diagnosis(Result):
         Lengths in m, angles in rad, p-values family-wise; ``unexplained.p_value`` is the least of all tests of what is
         left.
         """
-        names = ("nominal", "calibrated", "extended")
-        chosen = zip(self.search.chosen, self.search.p_values, strict=True)
-        p = min(self.adequacy.p_value, *(p for candidate, p in chosen if not candidate.named), 1.0)
-        p = min(p, *(errors.p_value for errors in self.uneven), 1.0)
-        test = {} if self.test is None else {"test": self.test.to_json()}
-        preset = self.calibration.other_preset
-        lengths = {} if preset is None else {"other_preset": preset.to_json()}
-        first = {} if self.start_up is None else {"start_up": self.start_up.to_json()}
-        first |= {} if self.scatter_change is None else {"scatter_change": self.scatter_change.to_json()}
-        thinned = {} if self.large is None else {"thinned": self.large.to_json()}
+        names, search = ("nominal", "calibrated", "extended"), self.search
+        unnamed = (p for candidate, p in zip(search.chosen, search.p_values, strict=True) if not candidate.named)
+        p = min(self.adequacy.p_value, *unnamed, *(errors.p_value for errors in self.uneven), 1.0)
+        rivals = {s.what: others for s, others in zip(search.chosen, search.rivals, strict=True) if not s.named}
         probability = self.calibration.better_than_nominal
-        sure = {} if probability is None else {"better_than_nominal": probability}
+        further = {
+            "other_preset": self.calibration.other_preset,
+            "start_up": self.start_up,
+            "scatter_change": self.scatter_change,
+        }
         return {
             "verdict": self.verdict,
-            "effects": [self._effect_json(i) for i in range(len(self.effects))],
+            "effects": [self._effect_json(finding, i) for i, finding in enumerate(self.effects)],
             "unexplained": {
                 "p_value": p,
                 "place": list(self.unexplained_places),
                 "tests": {"lack_of_fit": self.adequacy.lack_of_fit, "structure": self.adequacy.structure},
                 "times_allowed": self.times_allowed,
-                "components": [self._component_json(component) for component in self.unexplained],
+                "components": [
+                    {**_named(one), "confounded_with": [_named(s) for s in rivals.get(one, ())]}
+                    for one in self.unexplained
+                ],
                 **({"repeat": [plan.to_json() for plan in self.repeat_plans]} if self.repeat_plans else {}),
             },
             "residual_rms": {
@@ -289,26 +283,21 @@ class Diagnosis(Result):
             "coverage95": {name: float(self.held[name].inside.mean()) for name in names},
             "cross_validation": self.by,
             "gain": self.gain.to_json(),
-            **test,
-            **thinned,
-            **sure,
+            **_stated({"test": self.test, "thinned": self.large}),
+            **({} if probability is None else {"better_than_nominal": probability}),
             **{reading.key: reading.to_json() for reading in self.weights},
-            **lengths,
-            **first,
+            **_stated(further),
             "candidates": [
                 {
-                    "kind": j.candidate.kind,
-                    "target": j.candidate.target,
+                    **_named(j.candidate),
                     "p_value": j.p_value,
                     "gain": 1 - float(np.sqrt(max(1 - j.share, 0.0))),
                     "surviving_share": j.rho,
                     "named": j.candidate.named,
                 }
-                for j in self.search.scored
+                for j in search.scored
             ],
-            "absorbed": [
-                {"kind": s.kind, "target": s.target, "surviving_share": rho} for s, rho in self.search.absorbed
-            ],
+            "absorbed": [{**_named(s), "surviving_share": rho} for s, rho in search.absorbed],
             "unknowable": [limit.to_json() for limit in unknowable_causes(self.model.residuals)],
             "doubts": [doubt.to_json() for doubt in self.doubts],
             "notes": list(self.notes),
@@ -400,27 +389,26 @@ class Diagnosis(Result):
         place = self.effects[finding].place
         return None if self.test is None or place is None else self.test.gains[place]
 
-    def _component_json(self, component: UnnamedComponent) -> dict[str, Json]:
-        """An unnamed component with the causes that explain as much in its place."""
-        chosen = zip(self.search.chosen, self.search.rivals, strict=True)
-        rivals = next((others for s, others in chosen if s.what == component), ())
-        return {
-            "kind": component.kind,
-            "target": component.target,
-            "confounded_with": [{"kind": s.kind, "target": s.target} for s in rivals],
-        }
-
-    def _effect_json(self, i: int) -> dict[str, Json]:
+    def _effect_json(self, finding: Finding, i: int) -> dict[str, Json]:
         """The entry of finding i with the gain on the other file, the tool shift [m] and its discrimination."""
-        gain, split = self.test_gain(i), self.split
-        document = self.effects[i].to_json() | ({} if gain is None else {"test_gain": gain.to_json()})
-        document["inspect"] = self.effects[i].inspect(self.problem.robot)
+        place, split = finding.place, self.split
+        document = finding.to_json() | _stated({"test_gain": self.test_gain(i)})
+        document["inspect"] = finding.inspect(self.problem.robot)
         document |= {"action": self.actions[i].action, "reason": self.actions[i].reason or None}
-        place = self.effects[i].place
-        document |= {} if place is None else {"delivered": self.delivery.status(place)}
-        if place is not None and self.effects[i].determined:
-            alone, beyond = (rms(v) for v in tool_shifts(self.model, self.effects[i]))
+        if place is None:
+            return document
+        document["delivered"] = self.delivery.status(place)
+        if finding.determined:
+            alone, beyond = (rms(v) for v in tool_shifts(self.model, finding))
             document["tool_shift_rms"] = {"alone": alone, "beyond_geometry": beyond}
-        if place is not None and split is not None and place in split.pairs:
+        if split is not None and place in split.pairs:
             document["split"] = split.to_json(place)
         return document
+
+
+def _named(cause: Cause | Candidate) -> dict[str, Json]:
+    return {"kind": cause.kind, "target": cause.target}
+
+
+def _stated(parts: Mapping[str, Any]) -> dict[str, Json]:
+    return {name: part.to_json() for name, part in parts.items() if part is not None}

@@ -1,12 +1,13 @@
-"""What a diagnosis has to say: the errors, the causes, what is delivered, and whether another file confirms it."""
+"""What a diagnosis has to say: errors, causes, what is delivered, confirmation by another file, and what stays open."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from posture_opt.calibration.assumptions.contradictions import GeometricDeviation
 from posture_opt.calibration.calibration_statements import (
     ELSEWHERE,
     data_warnings,
@@ -16,101 +17,95 @@ from posture_opt.calibration.calibration_statements import (
     rows_in_time,
     thinned,
 )
-from posture_opt.diagnosis.cause_actions import unconfirmed
-from posture_opt.diagnosis.cause_statements import cause_statements, may_work
-from posture_opt.diagnosis.open_statements import open_statements
+from posture_opt.diagnosis.cause_statements import cause_statements, may_work, unconfirmed
+from posture_opt.diagnosis.causes.causes import missing_inputs, unknowable_causes
+from posture_opt.diagnosis.scores import levels
 from posture_opt.errors import enumerated
 from posture_opt.statements import Quantity, Statement, state
 from posture_opt.statements.notation import listed_lines, sentence
+from posture_opt.statements.quantity import UNLIKELY
 
 if TYPE_CHECKING:
     from posture_opt.diagnosis.causes.causes import Finding
     from posture_opt.diagnosis.diagnosis import Diagnosis
     from posture_opt.diagnosis.measured_goals import MeasuredGoals
+    from posture_opt.diagnosis.noise.uneven_noise import UnevenErrors
     from posture_opt.selection.problem_data import ProblemData
 
 MODELS = ("nominal", "calibrated", "extended")
-_MAX_SIZED_CAUSES = 2  # in the first lines with their sizes; of more, their kinds
-_MAX_KINDS = 3
-_FAR_OFF = 3.0  # times what 95 % of the rows are within: a row that is farther off is looked at by itself
-_MIN_COVERAGE = 0.9  # of the 95 % regions: below it they are said to be too small
 
 
-def statements_of(found: Diagnosis) -> tuple[Statement, ...]:
-    """All statements of a diagnosis, the errors first."""
-    calibration = found.calibration
-    gone = [line for line in calibration.lines if line not in found.unsided_lines]
-    return (
-        _errors(found),
-        *([state("diagnosis.overfitted")] if found.overfitted else []),
-        *instrument(calibration, found.delivery.nominal),
-        *(reading.statement for reading in found.weights),
-        *doubts(calibration),
-        *_beyond_allowed(found),
-        *_unbuildable(found),
-        *_causes(found),
-        *may_work(found),
-        *(() if found.comparison is None else found.comparison.statements),
-        *_far_row(found),
-        *rows_in_time(found.request.data, found.start_up, found.scatter_change),
-        *data_warnings(found.request.data.warnings),
-        *_delivery(found),
-        *_test(found),
-        *_next(found),
-        *left_out(calibration, gone),
-        *(
-            [state("diagnosis.rows-without-side", lines=listed_lines(found.unsided_lines))]
-            if found.unsided_lines
-            else []
-        ),
-        *_gain(found),
-        *_goals(found.goals),
-        *cause_statements(found),
-        *open_statements(found),
-        *thinned(found.large),
-        *(state("diagnosis.note", text=sentence(text)) for text in (*found.request.data.notes, *found.notes)),
-    )
+def statements_of(found: Diagnosis) -> Iterator[Statement]:
+    calibration, data = found.calibration, found.request.data
+    yield _errors(found)
+    if found.overfitted:
+        yield state("diagnosis.overfitted")
+    yield from instrument(calibration, found.delivery.nominal)
+    yield from (reading.statement for reading in found.weights)
+    yield from doubts(calibration)
+    if found.times_allowed is not None and found.verdict == "unexplained":
+        yield state("diagnosis.beyond-allowed", times=Quantity(found.times_allowed, "number"))
+    if found.by == "stretch":
+        yield state("diagnosis.promise-of-stretches")
+    yield from _unbuildable(found)
+    yield from _causes(found)
+    yield from may_work(found)
+    yield from () if found.comparison is None else found.comparison.statements
+    yield _far_row(found)
+    yield from rows_in_time(data, found.start_up, found.scatter_change)
+    yield from data_warnings(data.warnings)
+    yield from _delivery(found)
+    yield from _test(found)
+    yield from _next(found)
+    yield from left_out(calibration, [line for line in calibration.lines if line not in found.unsided_lines])
+    if found.unsided_lines:
+        yield state("diagnosis.rows-without-side", lines=listed_lines(found.unsided_lines))
+    yield from _gain(found)
+    if found.goals is not None:
+        yield from _goals(found.goals)
+    yield from cause_statements(found)
+    yield from _structure(found)
+    yield from _not_visible(found)
+    if found.split is not None:
+        yield state("diagnosis.split-read")
+        if any(split.count is None for pairs in found.split.pairs.values() for split in pairs):
+            yield state("diagnosis.split-impossible")
+        if len(found.split.rows):
+            yield state("diagnosis.split-caution")
+    yield from thinned(found.large)
+    for text in (*data.notes, *found.notes):
+        yield state("diagnosis.note", text=sentence(text))
 
 
 def _errors(found: Diagnosis) -> Statement:
-    """RMS error on held-out rows of each model, and the noise below them."""
     data, floor = found.request.data, found.noise_floor
     what = "error" if data.position is not None or data.touches else data.kind.error_words
-    models = MODELS if found.fitted_effects else MODELS[:2]
+    models, which = (MODELS, "error-effects") if found.fitted_effects else (MODELS[:2], "error")
     sizes = {name: Quantity(found.errors[name].rms) for name in models}
-    which = "error-effects" if found.fitted_effects else "error"
     if not floor.rms:
         return state(f"diagnosis.{which}", what=what, **sizes)
     which += "-noise" if floor.repeated else "-instrument"
     return state(f"diagnosis.{which}", what=what, noise=Quantity(floor.rms), source=floor.source, **sizes)
 
 
-def _beyond_allowed(found: Diagnosis) -> list[Statement]:
-    """That errors are larger than readings and instrument allow, and what the promise of a path is for."""
-    said = [state("diagnosis.promise-of-stretches")] if found.by == "stretch" else []
-    if found.times_allowed is None or found.verdict != "unexplained":
-        return said
-    return [state("diagnosis.beyond-allowed", times=Quantity(found.times_allowed, "number")), *said]
-
-
-def _causes(found: Diagnosis) -> list[Statement]:
-    """What explains the errors, or part of them, and what is suspected."""
+def _causes(found: Diagnosis) -> Iterator[Statement]:
     geometry = [f for f in found.effects if f.effect is None and f.noise is None]
     others = [f for f in found.effects if f not in geometry and f.determined]
-    causes = others or geometry
-    ordered = sorted(causes, key=lambda f: unconfirmed(f, found.test))
-    few = len(causes) <= _MAX_SIZED_CAUSES
-    names = [sized_words(found, f) for f in ordered] if few else _by_title(ordered)
-    differs = "the geometry differs from the file" if few else "a geometry that differs from the file"
-    names += [differs] if others and geometry else []
-    vague = [f for f in found.effects if f not in geometry and not f.determined]
-    said = [state("diagnosis.suspected", causes=_by_title(vague))] if vague else []
+    causes = sorted(others or geometry, key=lambda f: unconfirmed(f, found.test))
+    few = len(causes) <= 2
+    names = [sized_words(found, f) for f in causes] if few else _by_title(causes)
+    if others and geometry:
+        names.append("the geometry differs from the file" if few else "a geometry that differs from the file")
     if found.verdict == "none_found":
-        return [state("diagnosis.none-found"), *said]
-    if not names:
-        return [state("diagnosis.no-cause-fits"), *said]
-    which = "causes-explain" if found.verdict == "effects_found" else "causes-explain-part"
-    return [state(f"diagnosis.{which}", causes=names), *said]
+        yield state("diagnosis.none-found")
+    elif not names:
+        yield state("diagnosis.no-cause-fits")
+    else:
+        which = "causes-explain" if found.verdict == "effects_found" else "causes-explain-part"
+        yield state(f"diagnosis.{which}", causes=names)
+    vague = [f for f in found.effects if f not in geometry and not f.determined]
+    if vague:
+        yield state("diagnosis.suspected", causes=_by_title(vague))
 
 
 def _by_title(findings: Sequence[Finding]) -> list[str]:
@@ -120,12 +115,15 @@ def _by_title(findings: Sequence[Finding]) -> list[str]:
         title = finding.cause.title if finding.plausible else f"what looks like {finding.cause.title}"
         titles.setdefault(title, []).append(finding.cause.place)
     texts = [f"{title} of {enumerated(places)}" if any(places) else title for title, places in titles.items()]
-    more = len(texts) - _MAX_KINDS
-    return [*texts[:_MAX_KINDS], *([f"{more} more"] if more > 0 else [])]
+    return _first(texts, 3)
+
+
+def _first(texts: Sequence[str], most: int) -> list[str]:
+    more = len(texts) - most
+    return [*texts[:most], *([f"{more} more"] if more > 0 else [])]
 
 
 def words(finding: Finding, problem: ProblemData) -> str:
-    """A cause in one clause; scatter of which the file states nothing is said to be so."""
     noise, sources = finding.noise, problem.sources
     if noise is not None and noise.unstated and finding.determined:
         names = noise.scatter(problem.robot)
@@ -140,71 +138,70 @@ def sized_words(found: Diagnosis, finding: Finding) -> str:
     return clause if not size or size in clause else f"{clause} ({size})"
 
 
-def _unbuildable(found: Diagnosis) -> list[Statement]:
+def _unbuildable(found: Diagnosis) -> Iterator[Statement]:
     """The correction of the geometry that no arm is built with, where the geometry is a cause."""
     largest = found.unbuildable
-    if largest is None or found.overfitted:
-        return []
-    parameter = largest.parameter
-    off = Quantity(largest.value, "length" if parameter.unit == "m" else "angle", largest.std)
-    which = "zero-unbuildable" if largest.is_zero else "correction-unbuildable"
-    noun = largest.deviation.noun_on(found.problem.robot)
-    return [state(f"diagnosis.{which}", parameter.name, noun=noun, off=off)]
+    if largest is not None and not found.overfitted:
+        parameter = largest.parameter
+        off = Quantity(largest.value, "length" if parameter.unit == "m" else "angle", largest.std)
+        which = "zero-unbuildable" if largest.is_zero else "correction-unbuildable"
+        noun = GeometricDeviation.of(parameter).noun_on(found.problem.robot)
+        yield state(f"diagnosis.{which}", parameter.name, noun=noun, off=off)
 
 
-def _far_row(found: Diagnosis) -> list[Statement]:
+def _far_row(found: Diagnosis) -> Statement:
     """Within what 95 % of the rows are, and all, or a row that is far off; kinds of instruments differ in accuracy."""
     data, best = found.model.residuals.data, found.errors["extended"]
-    if data.part is not None or best.max < _FAR_OFF * best.p95:
-        return [state("diagnosis.rows-within", p95=Quantity(best.p95), most=Quantity(best.max))]
+    if data.part is not None or best.max < 3 * best.p95:
+        return state("diagnosis.rows-within", p95=Quantity(best.p95), most=Quantity(best.max))
     line = data.line[int(np.argmax(np.linalg.norm(found.held["extended"].errors, axis=1)))]
-    return [state("diagnosis.row-far-off", str(line), off=Quantity(best.max), p95=Quantity(best.p95))]
+    return state("diagnosis.row-far-off", str(line), off=Quantity(best.max), p95=Quantity(best.p95))
 
 
-def _delivery(found: Diagnosis) -> list[Statement]:
+def _delivery(found: Diagnosis) -> Iterator[Statement]:
     """Which arm is delivered where it is not the one with all effects, and how well it explains these data."""
     delivery, effects = found.delivery, found.model.effects
-    held = Quantity(delivery.held.rms)
-    rms, outliers = found.delivered
-    said = [state("diagnosis.delivered-rms", rms=Quantity(rms), outliers=outliers)]
-    if not delivery.kept and effects:
-        return [state(f"diagnosis.delivered-{'nominal' if delivery.nominal else 'calibrated'}", held=held), *said]
-    reasons = {
-        "which belongs to this session": delivery.session,
-        "of undetermined size": delivery.vague,
-        "which held-out rows do not need": delivery.dropped,
-    }
-    for reason, places in reasons.items():
+    held, (rms, outliers) = Quantity(delivery.held.rms), found.delivered
+    none_kept = not delivery.kept and bool(effects)
+    if none_kept:
+        yield state(f"diagnosis.delivered-{'nominal' if delivery.nominal else 'calibrated'}", held=held)
+    yield state("diagnosis.delivered-rms", rms=Quantity(rms), outliers=outliers)
+    if none_kept:
+        return
+    for reason, places in (
+        ("which belongs to this session", delivery.session),
+        ("of undetermined size", delivery.vague),
+        ("which held-out rows do not need", delivery.dropped),
+    ):
         if places:
             names = [effects[i].label for i in places]
-            said.append(state("diagnosis.delivered-without", effects=names, reason=reason, held=held))
+            yield state("diagnosis.delivered-without", effects=names, reason=reason, held=held)
     if any("time" in effects[i].needs for i in delivery.session):
-        said.append(state("diagnosis.delivered-average"))
-    return said
+        yield state("diagnosis.delivered-average")
 
 
-def _test(found: Diagnosis) -> list[Statement]:
+def _test(found: Diagnosis) -> Iterator[Statement]:
     """Whether what is delivered holds on a test file, and which causes that file confirms."""
     test = found.test
     if test is None:
-        return []
+        return
     errors = {name: Quantity(test.models[name].rms) for name in MODELS if name in test.models}
     nominal, calibrated = errors["nominal"].value, errors["calibrated"].value
-    moved = not test.file.refitted and calibrated > ELSEWHERE * found.errors["calibrated"].rms
-    said = [state("calibration.test-moved")] if moved else []
-    if not any(test.gains):
-        holds = "test-holds" if calibrated < nominal else "test-fails"
-        untested = [state("diagnosis.test-without-effects")] if found.fitted_effects else []
-        fitted = {name: errors[name] for name in ("nominal", "calibrated")}
-        return [state(f"calibration.{holds}", **fitted), *untested, *said]
-    said = [state(f"diagnosis.{_held_on(found)}", rows=len(test.file.data), **errors), *said]
     gains = [gain for gain in test.gains if gain is not None]
+    if gains:
+        yield state(f"diagnosis.{_held_on(found)}", rows=len(test.file.data), **errors)
+    else:
+        holds = "test-holds" if calibrated < nominal else "test-fails"
+        yield state(f"calibration.{holds}", nominal=errors["nominal"], calibrated=errors["calibrated"])
+        if found.fitted_effects:
+            yield state("diagnosis.test-without-effects")
+    if not test.file.refitted and calibrated > ELSEWHERE * found.errors["calibrated"].rms:
+        yield state("calibration.test-moved")
     confirmed, against = sum(gain.low > 0 for gain in gains), sum(gain.value < 0 for gain in gains)
     if confirmed < len(gains):
-        said.append(state("diagnosis.test-confirms", confirmed=confirmed, tested=len(gains), against=against))
-    if test.worse:
-        said.append(state("diagnosis.test-extrapolates", effects=[test.effects[i].label for i in test.worse]))
-    return said
+        yield state("diagnosis.test-confirms", confirmed=confirmed, tested=len(gains), against=against)
+    if gains and test.worse:
+        yield state("diagnosis.test-extrapolates", effects=[test.effects[i].label for i in test.worse])
 
 
 def _held_on(found: Diagnosis) -> str:
@@ -218,47 +215,105 @@ def _held_on(found: Diagnosis) -> str:
     return "test-gain-holds" if found.test.gain.low > 0 else "test-gain-unsure"
 
 
-def _next(found: Diagnosis) -> list[Statement]:
+def _next(found: Diagnosis) -> Iterator[Statement]:
     """What to measure next: postures that refute the wrong cause, or repeats that tell scatter from structure."""
     if found.split is not None and len(found.split.rows):
-        return [state("diagnosis.measure-next", postures=len(found.split.rows))]
-    if found.repeats_decide:
+        yield state("diagnosis.measure-next", postures=len(found.split.rows))
+    elif found.repeats_decide:
         joints, one = [plan.target for plan in found.repeat_plans], found.repeat_plans[0]
-        return [state("diagnosis.repeat-postures", joints=joints, postures=len(one.rows), times=one.times)]
-    return []
+        yield state("diagnosis.repeat-postures", joints=joints, postures=len(one.rows), times=one.times)
 
 
-def _unsided(lines: Sequence[int]) -> list[Statement]:
-    """Rows that are left out as a joint with play came to them from an unknown side."""
-    return [state("diagnosis.rows-without-side", lines=listed_lines(lines))] if lines else []
-
-
-def _gain(found: Diagnosis) -> list[Statement]:
+def _gain(found: Diagnosis) -> Iterator[Statement]:
     """What the effects bring on held-out rows, and how near noise is to what they leave."""
-    said = []
+    gain, left, floor = found.gain, found.errors["extended"], found.noise_floor
     if found.fitted_effects:
-        which = "gain-significant" if found.gain.low > 0 else "gain-insignificant"
-        sizes = {"gain": found.gain.value, "low": found.gain.low, "high": found.gain.high}
-        said.append(state(f"diagnosis.{which}", **{name: Quantity(v, "share") for name, v in sizes.items()}))
+        which = "gain-significant" if gain.low > 0 else "gain-insignificant"
+        value, low, high = (Quantity(v, "share") for v in (gain.value, gain.low, gain.high))
+        yield state(f"diagnosis.{which}", gain=value, low=low, high=high)
     inside = float(found.held["extended"].inside.mean())
-    if inside < _MIN_COVERAGE:
-        said.append(state("diagnosis.regions-too-small", inside=Quantity(inside, "share")))
-    left, floor = found.errors["extended"], found.noise_floor
-    if not floor.rms:
-        return said
-    values = {"noise": Quantity(floor.rms), "left": Quantity(left.rms), "cost": Quantity(found.held_out_noise)}
-    which = "noise-reached" if found.held_out_noise >= left.interval[0] else "noise-not-reached"
-    which = "noise-exceeds" if floor.rms > left.interval[1] else which
-    return [*said, state(f"diagnosis.{which}", **values)]
+    if inside < 0.9:
+        yield state("diagnosis.regions-too-small", inside=Quantity(inside, "share"))
+    if floor.rms:
+        values = {"noise": Quantity(floor.rms), "left": Quantity(left.rms), "cost": Quantity(found.held_out_noise)}
+        which = "noise-reached" if found.held_out_noise >= left.interval[0] else "noise-not-reached"
+        which = "noise-exceeds" if floor.rms > left.interval[1] else which
+        yield state(f"diagnosis.{which}", **values)
 
 
-def _goals(goals: MeasuredGoals | None) -> list[Statement]:
+def _goals(goals: MeasuredGoals) -> Iterator[Statement]:
     """What the data say of the choice of postures, where targets were measured in several."""
-    if goals is None:
-        return []
     old, new = (Quantity(float(np.median(goals.sent[name].missed))) for name in ("nominal", "extended"))
+    yield state("diagnosis.goals-missed", goals=goals.goals, old=old, new=new)
     best = goals.uncorrected["extended"]
-    said = [state("diagnosis.goals-missed", goals=goals.goals, old=old, new=new)]
     if best.better > goals.chance + goals.margin:
-        return [*said, state("diagnosis.goals-choice-better", share=Quantity(best.better, "share"))]
-    return [*said, state("diagnosis.goals-choice-random")]
+        yield state("diagnosis.goals-choice-better", share=Quantity(best.better, "share"))
+    else:
+        yield state("diagnosis.goals-choice-random")
+
+
+def _structure(found: Diagnosis) -> Iterator[Statement]:
+    """Whether anything is left that no cause explains, how certainly, and where; tests that find nothing left out."""
+    left = found.adequacy
+    if found.verdict != "unexplained":
+        yield state("diagnosis.structure-none", p=Quantity(left.p_value, "p"))
+        return
+    structured = bool(found.unexplained) or left.p_value < levels.LACK_OF_FIT_LEVEL
+    order = "the order of the rows" if left.place == "time" else left.place
+    if structured:
+        which = "structure-small" if found.like_noise else "structure"
+        yield state(f"diagnosis.{which}", left=Quantity(found.errors["extended"].rms))
+    if found.unexplained:
+        yield state("diagnosis.structure-depends", components=[one.words for one in found.unexplained])
+    elif structured and left.place in found.unexplained_places:
+        yield state("diagnosis.structure-along", order)
+    if left.structure < UNLIKELY:
+        yield state("diagnosis.neighbours-correlated", order, p=Quantity(left.structure, "p"))
+    if left.lack_of_fit < UNLIKELY:
+        yield state("diagnosis.lack-of-fit", p=Quantity(left.lack_of_fit, "p"))
+    yield from uneven_statements(found.uneven)
+    for plan in found.repeat_plans:
+        lines = ", ".join(map(str, plan.rows.line))
+        yield state("diagnosis.repeat-plan", plan.target, lines=lines, times=plan.times)
+    slow: dict[str, list[str]] = {}  # joints on which several slow curves are needed at once
+    for _, finding in found.fitted_effects:
+        if finding.effect is not None and finding.effect.slow:
+            slow.setdefault(finding.target, []).append(finding.cause.title)
+    for joint, names in slow.items():
+        if len(names) > 1:
+            yield state("diagnosis.one-shape", joint, effects=names)
+
+
+def uneven_statements(uneven: Sequence[UnevenErrors]) -> list[Statement]:
+    """Errors that look like noisy joints or instruments; joints of which repeats say the same share a sentence."""
+    alike: dict[tuple[object, ...], list[UnevenErrors]] = {}
+    for errors in uneven:
+        of_joint = errors.effect.moved_joint and (errors.refuted, errors.still, errors.scatters)
+        alike.setdefault((errors.effect.kind, of_joint or errors.effect.target), []).append(errors)
+    said = []
+    for those in alike.values():
+        one = max(those, key=lambda errors: errors.p_value)
+        joints = enumerated([errors.effect.target for errors in those])
+        several = one.effect.uneven_words.format(target=f"any of {joints}")
+        clause = one.effect.uneven_clause if len(those) == 1 else several
+        marks = (("-scatters", one.scatters), ("-refuted", one.refuted), ("-still", one.still))
+        which = "uneven" + next((end for end, holds in marks if holds), "")
+        said.append(state(f"diagnosis.{which}", joints, clause=clause, p=Quantity(one.p_value, "p")))
+    return said
+
+
+def _not_visible(found: Diagnosis) -> Iterator[Statement]:
+    """Causes that geometry absorbs in these data, that were not searched for, or that no such data can show."""
+    search, residuals = found.search, found.model.residuals
+    absorbed = {candidate.what.label for candidate, _ in search.absorbed}
+    # Of a tenth of its length that geometry leaves, an effect would have to be ten times larger.
+    faint = {j.candidate.what.label for j in search.scored if j.candidate.named and j.rho < 0.1}
+    for id, names in (("absorbed", absorbed), ("faint", faint)):
+        if names:
+            yield state(f"diagnosis.{id}", causes=_first(sorted(names), 12))
+    for key, (what, hint, kinds) in missing_inputs(residuals).items():
+        id = "not-varied" if getattr(found.request.data, key, None) is not None else "not-searched"
+        yield state(f"diagnosis.{id}", what, kinds=[kind.replace("_", " ") for kind in kinds], hint=hint)
+    for limit in unknowable_causes(residuals):
+        kind, hint = limit.kind.replace("_", " "), limit.hint.rstrip(".")
+        yield state("diagnosis.unknowable", kind, reason=limit.reason.rstrip("."), hint=hint)

@@ -8,13 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from posture_opt.calibration.cross_validation import HeldOut
-from posture_opt.measurements.measurements import Measurements, rows_of
-from posture_opt.measurements.row_inputs import arm_for
+from posture_opt.measurements.measurements import Measurements, arm_for, rows_of
 from posture_opt.numerics import Json
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.program.task_target import Reach, TaskTarget
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
-from posture_opt.uncertainty.regions.coverage_radius import central_radii
+from posture_opt.uncertainty.regions.clearance import central_radii
 
 Floats = np.ndarray
 Postures = Sequence[np.ndarray]
@@ -27,7 +26,6 @@ class Choice:
     Args:
         missed: (G,) distance from the goal in the chosen posture, in the part that the task cares about [m].
         elsewhere: (G,) its mean over the other postures of the goal [m].
-        better: share of the goals where no other posture misses by less.
     """
 
     missed: Floats
@@ -54,8 +52,7 @@ class Choice:
         """Lengths [m]: median and what 95 % of the goals stay below; the share within the clearance."""
         return {
             "missed": _median_and_p95(self.missed), "missed_elsewhere": _median_and_p95(self.elsewhere),
-            "better": self.better,
-            "success": None if clearance is None else self.hits(clearance),
+            "better": self.better, "success": None if clearance is None else self.hits(clearance),
         }  # fmt: skip
 
 
@@ -63,19 +60,8 @@ class Choice:
 class MeasuredGoals:
     """What the data say of the postures that models choose among those in which a goal was measured.
 
-    A test of the choice itself: a goal was commanded in several postures, so that the error of each is known, and each
-    model says which it would have taken.
-
     Args:
-        goals: how many; ``postures`` in all of them.
-        within: the part of an error that counts: ``across`` the task's direction, ``along`` it, or ``all``.
-        sent: by model, the posture in which it predicts the least scatter, with the tool sent there by this model:
-            what is missed is what the model gets wrong of rows that it has not seen; the effects
-            themselves were chosen on all rows.
-        uncorrected: by model, the posture in which it predicts the smallest miss of a tool that is sent by the model
-            before calibration, and what was missed there; that model itself predicts no miss anywhere.
         anyhow: (G,) mean over the postures of each goal of what that tool misses [m].
-        chance: share of the goals in which a random choice is the better one.
         clearance: of the task [m]; None without one.
     """
 
@@ -94,7 +80,6 @@ class MeasuredGoals:
         return float(1.96 * np.sqrt(self.chance * (1 - self.chance) / self.goals))
 
     def to_json(self) -> dict[str, Json]:
-        """The entry ``goals`` of ``posture`` in ``diagnosis.json``."""
         return {
             "goals": self.goals, "postures": self.postures, "within": self.within, "better_by_chance": self.chance,
             "sent": {name: choice.to_json(self.clearance) for name, choice in self.sent.items()},
@@ -108,15 +93,7 @@ class MeasuredGoals:
 def measured_goals(
     data: Measurements, held: Mapping[str, HeldOut], models: Mapping[str, ProblemData]
 ) -> MeasuredGoals | None:
-    """What each model would have chosen where a goal was measured in several postures; None without such goals.
-
-    Every row counts as predicted by a model that has not seen its group of the cross-validation. A goal is one
-    commanded place of one target under one payload.
-
-    Args:
-        held: errors of the rows by the name of the model, cross-validated.
-        models: ``nominal``, ``calibrated`` and ``extended``, base and tool where the measurements saw them.
-    """
+    """What each model would have chosen where a goal was measured in several postures; None without such goals."""
     goals = goals_in_postures(data)
     task = models["nominal"].task
     if not goals or task is None:
@@ -139,11 +116,7 @@ def measured_goals(
 
 
 def goals_in_postures(data: Measurements) -> list[Postures]:
-    """For every goal with two postures or more, the rows of each posture.
-
-    Returns:
-        For each goal the indices of the rows of each posture; goals of a single posture are left out.
-    """
+    """For every goal with two postures or more, the rows of each posture."""
     if data.position is None or not data.goal_given:
         return []
     payload = np.zeros(len(data)) if data.payload is None else data.payload
@@ -166,10 +139,7 @@ def _task_basis(problem: ProblemData) -> Floats:
 
 
 def _predicted_radius(models: Mapping[str, ProblemData], name: str, data: Measurements, B: Floats) -> Floats:
-    """(N,) distance that 95 of 100 repeats stay within, as a model predicts it for the posture of every row [m].
-
-    As in a comparison of plans, a model that states no scatter takes that of the extended one.
-    """
+    """(N,) distance that 95 of 100 repeats stay within, as a model predicts it for the posture of every row [m]."""
     stated = models[name].sources
     arm = arm_for(models[name].arm, data)
     tool_point = ToolPoint.of(arm, models["extended"].sources if stated.empty else stated)
@@ -179,5 +149,4 @@ def _predicted_radius(models: Mapping[str, ProblemData], name: str, data: Measur
 
 
 def _median_and_p95(values: Floats) -> dict[str, float]:
-    """Median and 95 % quantile of values, for a document."""
     return {"median": float(np.median(values)), "p95": float(np.quantile(values, 0.95))}

@@ -8,35 +8,12 @@ that covariance is. Nothing here knows of robots.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from typing import ClassVar
 
 import numpy as np
 
 from posture_opt.numerics import Array, Codes, Mask, Progress
 from posture_opt.workers import Serial, Workers
-
-_RIDGE_SHARE = 1e-8  # of the information of an average design: keeps a design that is still too small invertible
-_GAIN_TOLERANCE = 1e-9  # of the criterion: what an exchange must gain to be one
-_MAX_SWEEPS = 50  # through all places of a design; ten suffice
-_INFORMATION_TOLERANCE = 1e-10  # of the information of an average design: what has less counts as unknown
-_LEAK_TOLERANCE = 1e-6  # of a quantity: so much of it may lie in what is unknown, by rounding
-
-
-class Criterion(Protocol):
-    """How good a covariance of the unknowns is; the smaller the value the better."""
-
-    @property
-    def logarithmic(self) -> bool:
-        """Whether the value is a logarithm of variances, summed over the unknowns, or a sum of variances."""
-
-    def value(self, C: Array) -> float:
-        """Of the covariance C (r, r)."""
-
-    def gains(self, C: Array, A: Array) -> Array:
-        """(N,) by how much each of the candidates A (N, b, r) would lower the value if it came next."""
-
-    def transformed(self, T: Array) -> Criterion:
-        """The same criterion for the unknowns z' with ``z = T z'``."""
 
 
 @dataclass(frozen=True)
@@ -85,8 +62,12 @@ class Variance:
         return np.asarray(np.sum(G * np.linalg.solve(_seen_covariance(W, A), G), axis=(1, 2)))
 
     def transformed(self, T: Array) -> Variance:
-        """The same quantities of the new unknowns: ``L z = (L T) z'``."""
+        """Quantities of the new unknowns: ``L z = (L T) z'``."""
         return Variance(self.L @ T)
+
+
+Criterion = Determinant | Variance
+"""What an experiment makes small, of the covariance C (r, r) of the unknowns."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,57 +94,31 @@ def exchange_design(
 ) -> Design:
     """The best ``count`` of the candidates, by exchanging one at a time for the best of all others.
 
-    The unknowns are scaled so that an average design has unit information: values of designs are comparable, and a
-    ridge of `_RIDGE_SHARE` keeps one with too few candidates invertible. A local optimum; each start costs a few sweeps
-    of ``count`` evaluations of all N gains.
+    Every place of the design is emptied in turn and given to the candidate that lowers the criterion most, until no
+    place changes; the best of several starts counts, the first of them chosen one by one, the others at random (Fedorov
+    1972; one place at a time: Cook, Nachtsheim 1980).
 
-    Every place of the design is emptied in turn and given to the candidate that lowers the criterion most, until
-    no place changes; the best of several starts counts, the first of them chosen one by one, the others at random
-    (Fedorov 1972; one place at a time: Cook, Nachtsheim 1980).
-
-    Args:
-        A: (N, b, r) what the candidates measure, in standard deviations of the measurement.
-        information: (r, r) ``M_0``, what is known already; zeros where nothing is.
-        replicate: whether a candidate may be chosen again.
-        places: (N, n) where the candidates lie: no two that are chosen lie nearer than 1 in every coordinate.
-        former: a design to start from, in place of all others.
-        workers: who share the starts, and need not be named; the design does not depend on it.
-        progress: called with (done, total) starts.
-
-    Example:
-        >>> import numpy as np
-        >>> t = np.linspace(-1, 1, 21)  # a line is fitted best by measurements at its two ends
-        >>> A = np.stack([np.ones(21), t], axis=1)[:, None, :]
-        >>> design = exchange_design(A, np.zeros((2, 2)), Determinant(), count=2)
-        >>> sorted(float(t[i]) for i in design.chosen)
-        [-1.0, 1.0]
+    A (N, b, r) what the candidates measure, in standard deviations of the measurement; information (r, r) ``M_0``, what
+    is known already; zeros where nothing is; places (N, n) where the candidates lie: no two that are chosen lie nearer
+    than 1 in every coordinate.
     """
     assert replicate or count <= len(A), "no more places than candidates"
-    T, A, information = _normalised_problem(A, information, count)
+    # In unknowns in which an average design has unit information, values of designs are comparable.
+    flat = A.reshape(-1, A.shape[-1])
+    T = unit_information(information + count / len(A) * flat.T @ flat)
+    A, information = np.ascontiguousarray(A @ T), T.T @ information @ T
     criterion = criterion.transformed(T)
-    search = _Search(A, information + _RIDGE_SHARE * np.eye(len(T)), criterion, count, replicate, places)
+    # 1e-8 of the information of an average design: keeps a design that is still too small invertible
+    search = _Search(A, information + 1e-8 * np.eye(len(T)), criterion, count, replicate, places)
     rng = np.random.default_rng(seed)
     drawn = [rng.choice(len(A), count, replace=replicate) for _ in range(0 if former is not None else starts - 1)]
     begins = [former, *drawn]
     found: dict[int, Design] = {}
-    for k, (chosen, value) in (workers or Serial()).run(_improved_start, search, begins):
+    for k, (chosen, value) in (workers or Serial()).run(_Search.from_start, search, begins):
         found[k] = Design(np.array(chosen, dtype=np.intp), value)
         if progress is not None:
             progress(len(found), len(begins))
     return min((found[k] for k in range(len(begins))), key=lambda design: np.nan_to_num(design.value, nan=np.inf))
-
-
-def _improved_start(search: _Search, begin: Codes | None) -> tuple[list[int], float]:
-    """The design that one start leads to: what is chosen, and its value."""
-    chosen = search.improved(search.one_by_one() if begin is None else begin)
-    return chosen.tolist(), float(search.value(chosen))
-
-
-def _normalised_problem(A: Array, information: Array, count: int) -> tuple[Array, Array, Array]:
-    """Unknowns in which an average design of this size has unit information: ``T``, ``A T`` and ``Tᵀ M_0 T``."""
-    flat = A.reshape(-1, A.shape[-1])
-    T = unit_information(information + count / len(A) * flat.T @ flat)
-    return T, np.ascontiguousarray(A @ T), T.T @ information @ T
 
 
 def unit_information(information: Array) -> Array:
@@ -175,28 +130,24 @@ def unit_information(information: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _Search:
-    """The exchange over one set of candidates, in unknowns of unit information.
+    """The exchange over one set of candidates, in unknowns of unit information."""
 
-    Args:
-        A: (N, b, r) candidates; start: (r, r) information that is there already, ridge included.
-        places: (N, n) as of `exchange_design`, or None.
-    """
-
-    A: Array
+    A: Array  # (N, b, r) candidates; start: (r, r) information that is there already, ridge included
     start: Array
     criterion: Criterion
     count: int
     replicate: bool
-    places: Array | None
+    places: Array | None  # (N, n) as of `exchange_design`, or None
 
     def information(self, chosen: Codes) -> Array:
         """``M_0 + Σ A_iᵀ A_i`` (r, r) of the chosen candidates."""
         flat = self.A[chosen].reshape(-1, self.A.shape[-1])
         return np.asarray(self.start + flat.T @ flat)
 
-    def value(self, chosen: Codes) -> float:
-        """The criterion of the chosen candidates."""
-        return self.criterion.value(inverse_matrix(self.information(chosen)))
+    def from_start(self, begin: Codes | None) -> tuple[list[int], float]:
+        """The design that one start leads to, and its value."""
+        chosen = self.improved(self.one_by_one() if begin is None else begin)
+        return chosen.tolist(), float(self.criterion.value(inverse_matrix(self.information(chosen))))
 
     def one_by_one(self) -> Codes:
         """The design that grows by the candidate that helps most each time."""
@@ -213,14 +164,16 @@ class _Search:
         """The design after exchanges, until none gains anything."""
         chosen = chosen.copy()
         barred = np.array([self._barred_by(i) for i in chosen])
-        for _ in range(_MAX_SWEEPS):
+        # 50 through all places of a design; ten suffice
+        for _ in range(50):
             changed = False
             M = self.information(chosen)  # afresh in every sweep: differences pile up rounding
             for place, former in enumerate(chosen):
                 without = M - self.A[former].T @ self.A[former]
                 gains = self._gains(without, np.asarray(np.delete(barred, place, axis=0).any(axis=0)))
                 found, now = int(np.argmax(gains)), gains[former]
-                if gains[found] > (now + _GAIN_TOLERANCE * abs(now) if np.isfinite(now) else now):
+                # 1e-9 of the criterion: what an exchange must gain to be one
+                if gains[found] > (now + 1e-9 * abs(now) if np.isfinite(now) else now):
                     chosen[place], barred[place], changed = found, self._barred_by(found), True
                     M = without + self.A[found].T @ self.A[found]
             if not changed:
@@ -233,10 +186,9 @@ class _Search:
 
     def _barred_by(self, chosen: int) -> Mask:
         """(N,) which candidates may not be in a design together with this one."""
+        near = np.zeros(len(self.A), dtype=bool)
         if self.places is not None:
             near = np.abs(self.places - self.places[chosen]).max(axis=1) < 1.0
-        else:
-            near = np.zeros(len(self.A), dtype=bool)
         near[chosen] |= not self.replicate
         return np.asarray(near)
 
@@ -254,13 +206,12 @@ def _seen_covariance(W: Array, A: Array) -> Array:
 
 
 def quantity_variances(M: Array, L: Array, T: Array) -> Array:
-    """(t,) variances of the quantities ``L z`` under the information M (r, r); NaN where it does not determine one.
-
-    ``T`` (r, r) takes unknowns in which an average design has unit information to z.
-    """
+    """(t,) variances of the quantities ``L z`` under the information M (r, r); NaN where it does not determine one."""
     values, vectors = np.linalg.eigh(T.T @ M @ T)
     parts = L @ T @ vectors
-    known = values > _INFORMATION_TOLERANCE
+    # 1e-10 of the information of an average design: what has less counts as unknown
+    known = values > 1e-10
     found = np.sum(parts[:, known] ** 2 / values[known], axis=1)
-    leak = np.linalg.norm(parts[:, ~known], axis=1) > _LEAK_TOLERANCE * np.linalg.norm(parts, axis=1)
+    # 1e-6 of a quantity: so much of it may lie in what is unknown, by rounding
+    leak = np.linalg.norm(parts[:, ~known], axis=1) > 1e-6 * np.linalg.norm(parts, axis=1)
     return np.where(leak, np.nan, found)

@@ -11,52 +11,41 @@ from typing import Literal
 import numpy as np
 
 from posture_opt.calibration.estimation.parameters import Parameter
-from posture_opt.csv_text import csv_line
 from posture_opt.experiments.candidate_postures import Workspace
-from posture_opt.experiments.expected_errors import ExpectedErrors
+from posture_opt.experiments.information import ExpectedErrors
 from posture_opt.experiments.plan_search import Tour
 from posture_opt.measurements.measurements import Measurements
-from posture_opt.numerics import Array, Json, Mask
+from posture_opt.numerics import Array, Json, Mask, finite_or_none
 from posture_opt.result import Result
 from posture_opt.robot.posture import Posture
 from posture_opt.robot.robot import Joint, Robot
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.statements import Quantity, Statement, state
+from posture_opt.texts import csv_line
 from posture_opt.uncertainty.regions.critical import PARTS
 
 Purpose = Literal["parameters", "task", "recheck"]
 INSTRUMENT = "instrument"
 """Column that says which instrument measured a row."""
 _WRITTEN = {"revolute": ("deg", math.degrees(1.0)), "prismatic": ("mm", 1e3)}
-_EXACT_STD = 1e-7  # m, rad: rounding of a covariance in which parameters are correlated
 
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """The posture whose tool point a plan serves, and the directions (t, 3) along which its error counts.
+    """The posture whose tool point a plan serves, and the directions (t, 3) along which its error counts."""
 
-    Args:
-        q: (n,) the posture [rad or m].
-        basis: (t, 3) orthonormal directions, world; ``within`` names them: ``across``, ``along`` or ``all``.
-    """
-
-    q: Array
-    basis: Array
+    q: Array  # (n,) the posture [rad or m]
+    basis: Array  # (t, 3) orthonormal directions, world; ``within`` names them: ``across``, ``along`` or ``all``
     within: str
 
 
 @dataclass(frozen=True, eq=False)
 class SecondJoint:
-    """A joint of a second arm, which the tool touches.
+    """A joint of a second arm, which the tool touches."""
 
-    Args:
-        name: ``ARM.JOINT``.
-        values: (count,) at each posture [rad or m]; NaN where another instrument is used.
-    """
-
-    name: str
+    name: str  # ``ARM.JOINT``
     joint: Joint
-    values: Array
+    values: Array  # (count,) at each posture [rad or m]; NaN where another instrument is used
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -131,12 +120,16 @@ class MeasurementPlan(Result):
     @cached_property
     def statements(self) -> tuple[Statement, ...]:
         """What the plan is worth, what to know before running it, and what it leaves open."""
-        return plan_statements(self)
+        mounting = self.workspace.scene.mounting_statement(self.q)
+        floor = (state("experiments.table-unstated"),) * (not self.keeps_height)
+        surface = (*((mounting,) if mounting else ()), *floor)
+        return (_worth(self), *surface, *_task_error(self), *tour_statements(self), *self.remarks, *_open(self))
 
     @property
     def listed(self) -> list[int]:
         """Indices of the parameters that can be determined and are not as good as exact already."""
-        return np.flatnonzero(self.settled & ~(self.before.std < _EXACT_STD)).tolist()
+        # 1e-7 m, rad: rounding of a covariance in which parameters are correlated
+        return np.flatnonzero(self.settled & ~(self.before.std < 1e-7)).tolist()
 
     @property
     def arm_scatter(self) -> float:
@@ -172,25 +165,22 @@ class MeasurementPlan(Result):
         With several targets every repeat has a row for each, and pictures have one for each marker; repeats are rounds
         of the whole tour.
         """
-        revolute = [joint.type == "revolute" for joint in self.robot.joints]
-        headers = [
-            f"{j.name} [{'deg' if turns else 'mm'}]" for j, turns in zip(self.robot.joints, revolute, strict=True)
-        ]
+        joints = [*self.robot.joints]
+        headers = [f"{joint.name} [{_WRITTEN[joint.type][0]}]" for joint in joints]
         headers += ["pose"] * (self.repeats > 1) + ["target"] * bool(self.targets)
         headers += [f"{one.name} [{_WRITTEN[one.joint.type][0]}]" for one in self.second]
         headers += dict.fromkeys((*self.columns, *self.columns_by_row))
         lines = [csv_line(headers)]
-        values = self.q * np.where(revolute, math.degrees(1.0), 1e3)
         for _ in range(self.repeats):
-            for pose, row in enumerate(values + 0.0, start=1):
-                cells = [f"{value:.2f}" for value in row] + [str(pose)] * (self.repeats > 1)
-                second = [_written(one, pose - 1) for one in self.second]
+            for k, row in enumerate(self.q):
+                cells = [_written(joint, value) for joint, value in zip(joints, row, strict=True)]
+                cells += [str(k + 1)] * (self.repeats > 1)
+                second = [_written(one.joint, one.values[k]) for one in self.second]
                 for target in [[name] for name in self.targets] or [[]]:
-                    lines += [csv_line([*cells, *target, *second, *more]) for more in self._rows_beside(pose - 1)]
+                    lines += [csv_line([*cells, *target, *second, *more]) for more in self._rows_beside(k)]
         return "\n".join(lines) + "\n"
 
     def _rows_beside(self, k: int) -> list[tuple[str, ...]]:
-        """What stands beside the joints in each row of a posture."""
         by_row = {name: cells[k] for name, cells in self.columns_by_row.items()}
         count = max(map(len, by_row.values()), default=1)
         every = {name: (cells[k],) * count for name, cells in self.columns.items()} | by_row
@@ -199,34 +189,32 @@ class MeasurementPlan(Result):
     def fields_json(self) -> dict[str, Json]:
         """The document ``plan.json``: SI units and radians."""
         stages = {"before": self.before, "after": self.after, "random": self.random}
+        rows = enumerate(zip(self.postures, self.points, strict=True))
+        own = [s.text for s in self.statements if s in self.remarks or s.id == "experiments.table-unstated"]
+        task: dict[str, Json] | None = None
+        if self.target is not None:
+            posture = dict(zip(self.robot.joint_names, map(float, self.target.q), strict=True))
+            task = {"posture": posture, "std": {name: finite_or_none(stage.task) for name, stage in stages.items()}}
         return {
             "purpose": self.purpose,
             "count": len(self.q),
             "repeats": self.repeats,
             "given": len(self.given) if self.given is not None else 0,
             "postures": [
-                {"posture": posture, "tool": [float(v) for v in point], **self._beside(k)}
-                for k, (posture, point) in enumerate(zip(self.postures, self.points, strict=True))
+                {"posture": q, "tool": [float(v) for v in point], **self._beside(k)} for k, (q, point) in rows
             ],
             "gain": self.gain,
             "random_equivalent": self.equivalent,
             "parameters": [
-                {
-                    "name": p.name,
-                    "unit": p.unit,
-                    **{name: _finite_or_none(stage.std[i]) for name, stage in stages.items()},
-                }
+                {"name": p.name, "unit": p.unit, **{n: finite_or_none(float(s.std[i])) for n, s in stages.items()}}
                 for i, p in enumerate(self.parameters)
             ],
             "observability": {name: dict(stage.observability) for name, stage in stages.items()},
-            "task": self._task_json(stages),
+            "task": task,
             "undetermined": list(self.undetermined),
             "travel": self.tour.travel,
             "blocked": [k + 1 for k in self.tour.blocked],
-            "notes": [
-                *self.notes,
-                *(s.text for s in self.statements if s in self.remarks or s.id == "experiments.table-unstated"),
-            ],
+            "notes": [*self.notes, *own],
         }
 
     def _beside(self, k: int) -> dict[str, Json]:
@@ -237,34 +225,13 @@ class MeasurementPlan(Result):
         second = {one.name: float(one.values[k]) for one in self.second if np.isfinite(one.values[k])}
         return {**found, "second": second} if second else found
 
-    def _task_json(self, stages: dict[str, ExpectedErrors]) -> dict[str, Json] | None:
-        """The entry ``task`` of the document: the posture, and the tool point's expected standard deviation at each
-        stage [m].
-        """
-        if self.target is None:
-            return None
-        posture = dict(zip(self.robot.joint_names, map(float, self.target.q), strict=True))
-        return {"posture": posture, "std": {name: _finite_or_none(stage.task) for name, stage in stages.items()}}
 
-
-def _written(one: SecondJoint, k: int) -> str:
-    """A joint value of a second arm in deg or mm; empty where that arm is not used."""
-    value = float(one.values[k]) * _WRITTEN[one.joint.type][1]
-    return f"{value + 0.0:.2f}" if math.isfinite(value) else ""
-
-
-def _finite_or_none(value: float) -> float | None:
-    """A number of a document: None in place of NaN and infinity, which JSON does not have."""
-    return float(value) if np.isfinite(value) else None
-
-
-def plan_statements(plan: MeasurementPlan) -> tuple[Statement, ...]:
-    """What the plan is worth and brings; surface, height and moves; what is assumed, and what stays open."""
-    return (_worth(plan), *_surface(plan), *_task_error(plan), *tour_statements(plan), *plan.remarks, *_open(plan))
+def _written(joint: Joint, value: float) -> str:
+    """A joint value [rad or m] in deg or mm; empty where the arm is not used."""
+    return f"{value * _WRITTEN[joint.type][1] + 0.0:.2f}" if math.isfinite(value) else ""
 
 
 def _worth(plan: MeasurementPlan) -> Statement:
-    """How many random postures the planned ones are worth."""
     count = len(plan.q)
     if plan.equivalent is None:
         return state("experiments.worth-more", postures=count, random=plan.tried, purpose=plan.purpose)
@@ -273,20 +240,7 @@ def _worth(plan: MeasurementPlan) -> Statement:
     return state("experiments.worth", postures=count, random=plan.equivalent, purpose=plan.purpose)
 
 
-def _surface(plan: MeasurementPlan) -> Iterator[Statement]:
-    """What the arm stands on, and how low it may reach."""
-    if mounting := plan.workspace.scene.mounting_statement(plan.q):
-        yield mounting
-    yield from _height(plan)
-
-
-def _height(plan: MeasurementPlan) -> tuple[Statement, ...]:
-    """That nothing keeps the arm from reaching below the table."""
-    return () if plan.keeps_height else (state("experiments.table-unstated"),)
-
-
 def _task_error(plan: MeasurementPlan) -> Iterator[Statement]:
-    """The expected error at the posture of the task, where there is one."""
     if plan.target is None or math.isnan(plan.after.task):
         return
     part, error = PARTS[plan.target.within], Quantity(plan.after.task)
@@ -316,7 +270,6 @@ def tour_statements(plan: MeasurementPlan) -> Iterator[Statement]:
 
 
 def _open(plan: MeasurementPlan) -> Iterator[Statement]:
-    """What is not checked, and what no posture can separate."""
     yield state("experiments.run-slowly")
     for what in plan.undetermined:
         yield state("experiments.inseparable", what=what)

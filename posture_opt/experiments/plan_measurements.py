@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import get_args
 
 import numpy as np
@@ -11,34 +11,32 @@ import numpy as np
 from posture_opt.collision.scene import Scene
 from posture_opt.errors import InputError, InsufficientDataError, Issue, NoSolutionError
 from posture_opt.experiments.candidate_postures import ANYWHERE, Box, Workspace
-from posture_opt.experiments.change_information import change_information, change_model, change_prior
-from posture_opt.experiments.expected_errors import ExpectedErrors, PriorInformation, Unknowns
 from posture_opt.experiments.information import (
-    GivenInformation,
+    ExpectedErrors,
     MeasurementModel,
+    PriorInformation,
+    Unknowns,
     given_information,
     measurement_model,
     nothing_measured,
     repeat_variance,
 )
-from posture_opt.experiments.kind_workspace import KindWorkspace
 from posture_opt.experiments.measurement_plan import MeasurementPlan, Purpose, SecondJoint, Target
 from posture_opt.experiments.plan_search import PlanSearch, shortest_tour
+from posture_opt.experiments.possible_changes import change_information, change_model, change_prior
 from posture_opt.interrupts import interruptible
 from posture_opt.limits import MOST_CANDIDATES, MOST_PLANNED
-from posture_opt.measurements.kinds.pose_columns import ORIENTATION
+from posture_opt.measurements.kinds.pose import ORIENTATION
 from posture_opt.measurements.measurements import Measurements, nominal_poses
 from posture_opt.numerics import Array, Progress
-from posture_opt.selection.answer.fallbacks import with_fallbacks
-from posture_opt.selection.problem_data import ProblemData
+from posture_opt.selection.problem_data import ProblemData, with_fallbacks
 from posture_opt.selection.select_posture import planned_posture
 from posture_opt.selection.terms.limit_margin import LimitMargin
 from posture_opt.selection.terms.link_height import LinkHeight
 from posture_opt.statements import Statement, state
-from posture_opt.workers import Executor, Serial, Workers, opened
+from posture_opt.workers import Executor, Workers, opened
 
 _RANDOM_PLANS = 21  # random plans of the same size that the chosen one is compared with
-_MAX_SHOWN_POINTS = 1500  # random postures that are kept to be drawn
 
 
 @interruptible()
@@ -96,67 +94,115 @@ def plan_measurements(
         >>> plan.q.shape, bool(plan.gain >= 1)  # random postures have larger standard errors
         ((6, 2), True)
     """
-    if count < 1:
-        raise InputError(Issue(f"{count} postures are no plan", ("--count",), count, "plan at least 1"))
+    purposes = "parameters, task or recheck"
+    checks = {
+        "--count": (count, count >= 1, f"{count} postures are no plan", "plan at least 1"),
+        "--repeats": (repeats, repeats >= 1, f"{repeats} repeats are none", "measure each posture at least once"),
+        "--for": (purpose, purpose in get_args(Purpose), f"a plan for '{purpose}' is not known", purposes),
+    }
+    for option, (value, fits, message, hint) in checks.items():
+        if not fits:
+            raise InputError(Issue(message, (option,), value, hint))
     MOST_PLANNED.check_at(count, ("--count",))
     MOST_CANDIDATES.check_at(candidates, ("--candidates",))
-    if repeats < 1:
-        raise InputError(
-            Issue(f"{repeats} repeats are none", ("--repeats",), repeats, "measure each posture at least once")
-        )
-    if purpose not in get_args(Purpose):
-        raise InputError(
-            Issue(f"a plan for '{purpose}' is not known", ("--for",), purpose, "parameters, task or recheck")
-        )
     with opened(workers, executor) as pool:
-
-        def planned(one: ProblemData) -> MeasurementPlan:
-            """The plan for a problem, by the workers."""
-            height, margin = stated_bounds(one)
-            height = height if link_height is None else link_height
-            scene = Scene.of(one.robot, one.cell, guessed=True, without_mounting=one.without_mounting)
-            workspace = Workspace.of(one.robot, scene, height=height, margin=margin, box=within or ANYWHERE)
-            target, remarks = _planned_target(one, needed=purpose == "task")
-            floored = height > -math.inf or (within is not None and within[0][2] > -math.inf)
-            floored = floored or workspace.scene.plane is not None or not _least_height(one)
-            remarks += (state("experiments.no-tool"),) * (given is None and _at_flange(one))
-            return plan_postures(
-                one, workspace, count, given=given, purpose=purpose, target=target, seed=seed or 0,
-                candidates=candidates, repeats=repeats, keeps_height=floored, remarks=remarks, workers=pool,
-                progress=progress,
-            )  # fmt: skip
-
-        return with_fallbacks(problem, planned)
+        settings = _Settings(count, given, purpose, seed or 0, link_height, within, repeats, candidates, pool, progress)
+        return with_fallbacks(problem, settings.plan)
 
 
-def stated_bounds(problem: ProblemData) -> tuple[float, float]:
-    """The least height of the links [m] and the least margin to the limits [rad] that the task states."""
-    terms = problem.task.subject_to if problem.task is not None else ()
-    heights = [term.at_least for term in terms if isinstance(term, LinkHeight)]
-    margins = [term.at_least for term in terms if isinstance(term, LimitMargin)]
-    return max(heights, default=-math.inf), max(margins, default=0.0)
+@dataclass(frozen=True, eq=False)
+class _Settings:
+    count: int
+    given: Measurements | None
+    purpose: Purpose
+    seed: int
+    link_height: float | None
+    within: Box | None
+    repeats: int
+    candidates: int
+    workers: Workers
+    progress: Progress | None
 
+    def workspace(self, problem: ProblemData) -> tuple[Workspace, bool]:
+        """Where the arm may go, and whether something keeps it from reaching below the table."""
+        terms = problem.task.subject_to if problem.task is not None else ()
+        stated = max((term.at_least for term in terms if isinstance(term, LinkHeight)), default=-math.inf)
+        margin = max((term.at_least for term in terms if isinstance(term, LimitMargin)), default=0.0)
+        height = stated if self.link_height is None else self.link_height
+        scene = Scene.of(problem.robot, problem.cell, guessed=True, without_mounting=problem.without_mounting)
+        found = Workspace.of(problem.robot, scene, height=height, margin=margin, box=self.within or ANYWHERE)
+        if max(height, -math.inf if self.within is None else self.within[0][2]) > -math.inf or scene.plane is not None:
+            return found, True
+        free = Workspace.of(problem.robot, Scene.of(problem.robot, None))
+        points, _ = nominal_poses(problem.robot, free.drawn(np.random.default_rng(0), 32))
+        return found, not np.ptp(points[:, 2]) > 1e-9  # no joint can change the height
 
-def _least_height(problem: ProblemData) -> bool:
-    """Whether some joint can change the height of what is behind it."""
-    rng = np.random.default_rng(0)
-    workspace = Workspace.of(problem.robot, Scene.of(problem.robot, None))
-    points, _ = nominal_poses(problem.robot, rng.uniform(workspace.lower, workspace.upper, (32, problem.robot.n)))
-    return bool(np.ptp(points[:, 2]) > 1e-9)
+    def plan(self, problem: ProblemData) -> MeasurementPlan:
+        """The plan by exchange among random candidates and postures near them, compared with random plans."""
+        given, count, n, robot = self.given, self.count, problem.robot.n, problem.robot
+        workspace, keeps_height = self.workspace(problem)
+        target, remarks = _planned_target(problem, needed=self.purpose == "task")
+        at_flange = robot.tool_free and not any(f.nominal for f in robot.tool if f.kind == "translate")
+        remarks += (state("experiments.no-tool"),) * (given is None and at_flange)
+        rng = np.random.default_rng(self.seed)
+        measuring, assumed = measurement_model(problem, given, self.repeats)
+        residuals, places = measuring.residuals, measuring.places
+        workspace = replace(workspace, places=places)
+        pool, share = workspace.postures(max(self.candidates, 2 * count), rng)
+        variance = repeat_variance(problem, residuals.sigma, pool[:, :n])
+        measuring, unknowns, J = self._unknowns(problem, measuring, pool, variance, target)
+        known = unknowns.given
+        search = PlanSearch(measuring, unknowns, unknowns.criterion(self.purpose), workspace, known.x)
+        q, chosen = search.best(pool, J, count, self.seed, self.workers, self.progress)
+        way = shortest_tour(q, workspace.unit_travel(), workspace.passable)
+        q, chosen = q[way.order], chosen[way.order]
+        random = [J[rng.permutation(len(pool))] for _ in range(_RANDOM_PLANS)]
+        equivalent, gain = search.compared(chosen, random)
+        second: tuple[SecondJoint, ...] = ()
+        if places is not None:
+            joints = zip(places.further, places.second(q).T, strict=True)
+            second = tuple(SecondJoint(name, joint, own) for (name, joint), own in joints)
+        points, reach = (nominal_poses(robot, rows[:, :n])[0] for rows in (q, pool[:1500]))  # enough to be drawn
+        return MeasurementPlan(
+            problem=problem, q=q[:, :n], points=points, repeats=self.repeats, purpose=self.purpose,
+            parameters=measuring.parameters, settled=unknowns.settled, undetermined=unknowns.known.words,
+            before=unknowns.before(J), after=unknowns.after(chosen),
+            random=ExpectedErrors.median([unknowns.after(drawn[:count]) for drawn in random]), gain=gain,
+            equivalent=equivalent, tried=len(pool), draws=_RANDOM_PLANS, target=target,
+            tour=replace(way, sides=way.sides[:n]), workspace=workspace, share=share, reach=reach, given=given,
+            spread=float(np.sqrt(known.variance)), sigma=residuals.sigma,
+            sigma_rotation=residuals.further.get(ORIENTATION.key, 0.0),
+            axes=tuple(residuals.data.kind.axis_names[i] for i in residuals.axes), targets=measuring.targets,
+            columns={} if places is None else places.columns(q), second=second,
+            columns_by_row={} if places is None else places.columns_by_row(q),
+            keeps_height=keeps_height, notes=tuple(dict.fromkeys((*assumed, *known.notes))), remarks=remarks,
+        )  # fmt: skip
 
-
-def _at_flange(problem: ProblemData) -> bool:
-    """Whether the tool is free and no offset of it is stated: the plan takes the flange for the tool point."""
-    return problem.robot.tool_free and not any(f.nominal for f in problem.robot.tool if f.kind == "translate")
+    def _unknowns(
+        self, problem: ProblemData, measuring: MeasurementModel, pool: Array, variance: float, target: Target | None
+    ) -> tuple[MeasurementModel, Unknowns, Array]:
+        """What the plan is to determine, and derivatives J (N, b, k) at the candidates ``pool`` (N, w)."""
+        recheck = self.purpose == "recheck"
+        if recheck:
+            measuring = change_model(problem, measuring, pool)
+            known = change_information(measuring, self.given, variance)
+        elif self.given is None:
+            known = nothing_measured(len(measuring.parameters), variance)
+        else:
+            known = given_information(problem, self.given, measuring.parameters, variance)
+        rows = np.zeros((0, len(known.x))) if target is None else measuring.tool_rows(target.q, known.x, target.basis)
+        J = measuring.blocks(pool, known.x)
+        if recheck:
+            prior = change_prior(problem, measuring, J)
+        else:
+            prior = PriorInformation.of(problem, measuring.parameters, measuring.made)
+        unknowns = Unknowns.of(prior, J, known, rows, self.count)
+        if not recheck:  # a few postures tell changes apart that they could not all determine together
+            _check_count(unknowns, measuring, self.count)
+        return measuring, unknowns, J
 
 
 def _planned_target(problem: ProblemData, needed: bool) -> tuple[Target | None, tuple[Statement, ...]]:
-    """The task's best posture; where none is needed, its lack is only remarked on.
-
-    Raises:
-        InputError: a task is needed and the problem has none.
-        NoSolutionError: a task is needed and has no posture.
-    """
     if problem.task is None and not needed:
         return None, ()
     if problem.task is None:
@@ -174,90 +220,7 @@ def _planned_target(problem: ProblemData, needed: bool) -> tuple[Target | None, 
     return Target(np.array(solution.q), solution.basis.T, solution.optimisation_problem.task.within), ()
 
 
-def plan_postures(
-    problem: ProblemData, workspace: Workspace, count: int, *, given: Measurements | None, purpose: Purpose,
-    target: Target | None, seed: int, candidates: int, repeats: int = 1, keeps_height: bool = True,
-    remarks: tuple[Statement, ...] = (), workers: Workers | None = None, progress: Progress | None = None,
-) -> MeasurementPlan:  # fmt: skip
-    """The ``count`` postures that add most information, by exchange among random candidates and postures near them.
-
-    The random plans it is compared with are drawn from the same candidates (`_RANDOM_PLANS` of them).
-
-    Raises:
-        InputError: fewer postures than a calibration needs.
-        InsufficientDataError: no parameter can be determined by this instrument.
-        NoSolutionError: hardly any posture is allowed.
-    """
-    rng = np.random.default_rng(seed)
-    measuring, assumed = measurement_model(problem, given, repeats)
-    if measuring.places is not None:
-        workspace = KindWorkspace.around(workspace, measuring.places)
-    pool, share = workspace.postures(max(candidates, 2 * count), rng)
-    n = problem.robot.n
-    variance = repeat_variance(problem, measuring.residuals.sigma, pool[:, :n])
-    if purpose == "recheck":
-        measuring = change_model(problem, measuring, pool)
-        known = change_information(measuring, given, variance)
-    else:
-        known = _information_given(problem, given, measuring, variance)
-    rows = np.zeros((0, len(known.x))) if target is None else measuring.tool_rows(target.q, known.x, target.basis)
-    J = measuring.blocks(pool, known.x)
-    if purpose == "recheck":
-        prior = change_prior(problem, measuring, J)
-    else:
-        prior = PriorInformation.of(problem, measuring.parameters, measuring.made)
-    unknowns = Unknowns.of(prior, J, known, rows, count)
-    if purpose != "recheck":  # a few postures tell changes apart that they could not all determine together
-        _check_count(unknowns, measuring, count)
-    search = PlanSearch(measuring, unknowns, unknowns.criterion(purpose), workspace, known.x)
-    q, chosen = search.best(pool, J, count, seed, workers or Serial(), progress)
-    way = shortest_tour(q, workspace.unit_travel(), workspace.passable)
-    q, chosen = q[way.order], chosen[way.order]
-    way = replace(way, sides=way.sides[:n])
-    random = [J[rng.permutation(len(pool))] for _ in range(_RANDOM_PLANS)]
-    equivalent, gain = search.compared(chosen, random)
-    residuals = measuring.residuals
-    return MeasurementPlan(
-        problem=problem, q=q[:, :n], points=nominal_poses(problem.robot, q[:, :n])[0], repeats=repeats, purpose=purpose,
-        parameters=measuring.parameters, settled=unknowns.settled, undetermined=unknowns.known.words,
-        before=unknowns.before(J), after=unknowns.after(chosen),
-        random=ExpectedErrors.median([unknowns.after(drawn[:count]) for drawn in random]), gain=gain,
-        equivalent=equivalent,
-        tried=len(pool), draws=_RANDOM_PLANS, target=target, tour=way, workspace=workspace, share=share,
-        reach=nominal_poses(problem.robot, pool[:_MAX_SHOWN_POINTS, :n])[0], given=given,
-        spread=float(np.sqrt(known.variance)),
-        sigma=residuals.sigma, sigma_rotation=residuals.further.get(ORIENTATION.key, 0.0),
-        axes=tuple(residuals.data.kind.axis_names[i] for i in residuals.axes), targets=measuring.targets,
-        columns=_columns(measuring, q), second=_second(measuring, q),
-        columns_by_row={} if measuring.places is None else measuring.places.columns_by_row(q),
-        keeps_height=keeps_height, notes=tuple(dict.fromkeys((*assumed, *known.notes))), remarks=remarks,
-    )  # fmt: skip
-
-
-def _columns(measuring: MeasurementModel, q: Array) -> dict[str, tuple[str, ...]]:
-    """What stands beside the joints of each posture (N, w) in a file of such measurements; nothing of positions."""
-    return {} if measuring.places is None else measuring.places.columns(q)
-
-
-def _second(measuring: MeasurementModel, q: Array) -> tuple[SecondJoint, ...]:
-    """The joints of a second arm at each posture (N, w)."""
-    if measuring.places is None:
-        return ()
-    joints = zip(measuring.places.further, measuring.places.second(q).T, strict=True)
-    return tuple(SecondJoint(name, joint, own) for (name, joint), own in joints)
-
-
-def _information_given(
-    problem: ProblemData, data: Measurements | None, measuring: MeasurementModel, variance: float
-) -> GivenInformation:
-    """What the data made already say of the unknowns, or of nothing measured with a coordinate of some ``variance``."""
-    if data is None:
-        return nothing_measured(len(measuring.parameters), variance)
-    return given_information(problem, data, measuring.parameters, variance)
-
-
 def _check_count(unknowns: Unknowns, measuring: MeasurementModel, count: int) -> None:
-    """Refuse where nothing can be determined, and where the postures are too few for a calibration of all that can."""
     if not unknowns.settled.any() or not unknowns.count:
         said = "; ".join(unknowns.known.words[:3])
         what = measuring.residuals.data.kind.noun

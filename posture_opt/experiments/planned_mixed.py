@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -10,8 +9,14 @@ import numpy as np
 
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.collision.placed_capsules import PlacedCapsules
-from posture_opt.experiments.planned_kind import KindPlaces, moved_parameters
-from posture_opt.measurements.kinds import Member, Mixed
+from posture_opt.experiments.planned_kind import (
+    BoardPosePlaces,
+    KindPlaces,
+    PairPlaces,
+    PicturePlaces,
+    moved_parameters,
+)
+from posture_opt.measurements.kinds import BoardPose, MarkerPixels, Member, Mixed, PairContact
 from posture_opt.measurements.kinds.mixed import SLOTS
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Codes, Mask
@@ -20,27 +25,31 @@ from posture_opt.robot.robot import Joint
 
 @dataclass(frozen=True, eq=False)
 class MixedPlaces(KindPlaces):
-    """The places of several instruments, and which of these is used from each posture.
+    """The places of several instruments, and which of these is used from each posture."""
 
-    The last number of a planned posture is that of its instrument. A row is one number of a reading.
-
-    Args:
-        parts: the places of each instrument.
-    """
-
-    parts: tuple[KindPlaces, ...] = ()
+    parts: tuple[KindPlaces, ...] = ()  # the places of each instrument
 
     @classmethod
-    def of_instruments(cls, residuals: Residuals, x: Array, of_one: Callable[[KindPlaces], KindPlaces]) -> MixedPlaces:
+    def of_instruments(cls, residuals: Residuals, x: Array) -> MixedPlaces:
         """From the given rows and the fit to them; ``of_one`` is the rule of one instrument."""
         data, values, moved = residuals.data, residuals.places(x), moved_parameters(residuals, x)
-        kind = _kind(data)
+        kind, part = _kind(data), data.part
+        assert part is not None, "a row is a number of a reading"
         parts, more, second = [], len(kind.names), 1
         for k, member in enumerate(kind.members):
-            own = values[[*range(member.first, member.first + len(member.places)),
-                          *range(more, more + len(member.more))], : member.kind.width]  # fmt: skip
-            rows = _readings(data, k, member, second)
-            parts.append(of_one(KindPlaces(rows, residuals.robot, moved, own)))
+            # The readings of one instrument, one a row, as if they were the whole file.
+            own = np.flatnonzero(part // SLOTS == k)
+            whole = data.take(own[np.unique(data.line[own], return_index=True)[1]])
+            touched = whole.second - second if member.seconds and whole.second is not None else None
+            names = tuple(place for place in member.places if place)
+            rows = replace(
+                whole, part=None, instrument=member.kind, point=whole.point - member.first, point_names=names,
+                second=touched, second_names=member.seconds, lever=None,
+            )  # fmt: skip
+            first = range(member.first, member.first + len(member.places))
+            at = values[[*first, *range(more, more + len(member.more))], : member.kind.width]
+            rule = _RULES.get(type(member.kind), KindPlaces)
+            parts.append(rule(rows, residuals.robot, moved, at))
             more, second = more + len(member.more), second + len(member.seconds)
         return cls(data, residuals.robot, moved, values, tuple(parts))
 
@@ -179,19 +188,19 @@ class MixedPlaces(KindPlaces):
 
 
 def _kind(data: Measurements) -> Mixed:
-    """The instruments of a file."""
     assert isinstance(data.kind, Mixed), "a file of several instruments"
     return data.kind
 
 
-def _readings(data: Measurements, k: int, member: Member, first_second: int) -> Measurements:
-    """The readings of one instrument, one a row, as if they were the whole file."""
-    assert data.part is not None, "a row is a number of a reading"
-    own = np.flatnonzero(data.part // SLOTS == k)
-    whole = data.take(own[np.unique(data.line[own], return_index=True)[1]])
-    second = whole.second - first_second if member.seconds and whole.second is not None else None
-    return replace(
-        whole, part=None, instrument=member.kind, point=whole.point - member.first,
-        point_names=tuple(place for place in member.places if place), second=second, second_names=member.seconds,
-        lever=None,
-    )  # fmt: skip
+_RULES: dict[type, type[KindPlaces]] = {
+    MarkerPixels: PicturePlaces, BoardPose: BoardPosePlaces, PairContact: PairPlaces,
+}  # fmt: skip
+"""Kinds that look at more than the aspect of the tool beside a place."""
+
+
+def planned_places(residuals: Residuals, x: Array) -> KindPlaces:
+    """The places of the given rows by a fit x (k,) to them [rad, m], by the rule of their kind."""
+    kind = residuals.data.kind
+    if isinstance(kind, Mixed):
+        return MixedPlaces.of_instruments(residuals, x)
+    return _RULES.get(type(kind), KindPlaces).of(residuals, x)

@@ -1,8 +1,4 @@
-"""``Answers``: the loop of solving, which never keeps the page waiting.
-
-One thread solves, the newest request wins. While the target moves, a few local searches start from the last answer;
-once it rests, the full search of `select_posture` decides, and is stopped when the target moves on.
-"""
+"""``Answers``: the loop of solving, which never keeps the page waiting."""
 
 from __future__ import annotations
 
@@ -11,19 +7,84 @@ import traceback
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from posture_opt.errors import NoSolutionError, PostureOptError
-from posture_opt.explore.following import Following
 from posture_opt.explore.other_process import OtherProcess, defect
+from posture_opt.model.toolchain import NotCompiledError, compiled_before
 from posture_opt.numerics import Array
 from posture_opt.problem.problem import Problem
+from posture_opt.selection.answer.selector import PostureSelector
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.select_posture import select_posture
 from posture_opt.uncertainty.spread.spread import Spread, propagate
 
-RESTS_S = 0.35
-"""A target that has not moved for so long [s] rests."""
-_PATIENCE_S = 3.0  # [s]: what stations take is ended by a new request no sooner; a new process takes half of it
-_BETTER = 1e-3  # of σ: by so much the full search has to be better for the arm to have gone to another branch
+
+class Following:
+    """The best posture near the last one, by selectors that are interpreted until another process has compiled them."""
+
+    def __init__(self) -> None:
+        self._process = OtherProcess()
+        self._key: object = None
+        self._count = self._tried = 0
+        self._fast: PostureSelector | None = None
+        self._slow: PostureSelector | None = None
+        self._compiling: threading.Thread | None = None
+        self._first = True
+
+    def solve(self, problem: Problem, known: Array | None) -> Solution:
+        """The best posture that a few searches find, one from a ``known`` posture (n,) [rad or m]."""
+        key = all_but_position(problem)
+        if key != self._key:  # another arm, cell or task
+            self._first = self._key is None
+            self._key, self._fast, self._slow, self._count, self._tried = key, None, None, 0, 0
+            self._process.stop_if_busy()
+        self._count += 1
+        # For every position of a slider it would not pay; another target may need what the first did not.
+        if (self._first or self._count > 1) and not self.compiling and self._tried < 3:
+            try:
+                with compiled_before():
+                    self._fast = self._fast or _selector_of(problem, None)
+                    return _solved(self._fast, problem, known)
+            except NotCompiledError:
+                self._tried += 1
+                self._compiling = threading.Thread(target=self._process.call, args=(compiled, problem), daemon=True)
+                self._compiling.start()
+        self._slow = self._slow or _selector_of(problem, False)
+        return _solved(self._slow, problem, known)
+
+    @property
+    def compiling(self) -> bool:
+        """Whether another process compiles."""
+        return self._compiling is not None and self._compiling.is_alive()
+
+    def end(self) -> None:
+        """Compile nothing more."""
+        self._process.stop()
+
+
+def compiled(problem: Problem) -> None:
+    """Compiles into the cache what the search for a problem calls."""
+    _solved(_selector_of(problem, None), problem, None)
+
+
+def _selector_of(problem: Problem, compiled: bool | None) -> PostureSelector:
+    return PostureSelector(problem, compiled=compiled, offers=False, explains=False)
+
+
+def _solved(selector: PostureSelector, problem: Problem, known: Array | None) -> Solution:
+    target = selector.target
+    if problem.task is not None and problem.task.position is not None:
+        target = target.with_position(np.array(problem.task.position, dtype=float))
+    return replace(selector.solve_target(target, problem.solver.seed, 4, known), problem=problem)
+
+
+def all_but_position(problem: Problem) -> object:
+    """What a problem states but for where the target is."""
+    document = problem.to_dict()
+    task = {**(document.get("task") or {})}
+    placed = task.pop("position", None) is not None
+    return {**document, "task": task}, placed
 
 
 @dataclass(frozen=True)
@@ -39,12 +100,10 @@ class Answer:
     """What there is to show for one request.
 
     Args:
-        request: what was asked.
-        solution: None where nothing is feasible, or nothing is known yet.
-        reason: why there is none, or no full search, in words; else empty.
+        reason: why there is no solution, or no full search.
         nearest: the infeasible result, where the full search has looked for it.
-        whole: whether the full search gave it: what the command line says of this problem.
-        gain: share of σ that the full search is below what followed the target; 0 where it is the same optimum.
+        whole: whether the full search gave it, as the command line does.
+        gain: share of σ that the full search is below what followed the target; 0 at the same optimum.
         own: the spread at a posture of the user's own; None where the best one is asked for.
     """
 
@@ -58,11 +117,7 @@ class Answer:
 
 
 class Answers:
-    """Solves what was asked last.
-
-    Args:
-        show: called with every answer, from the thread that solves.
-    """
+    """Solves what was asked last."""
 
     def __init__(self, show: Callable[[Answer], None]) -> None:
         self._show = show
@@ -81,7 +136,8 @@ class Answers:
         with self._changed:
             self._asked = request
             self._changed.notify()
-        self._search.stop_if_busy(_PATIENCE_S if has_stations(request.problem) else 0.0)
+        # What stations take is ended no sooner than after 3 s: a new process takes half of it.
+        self._search.stop_if_busy(3.0 if has_stations(request.problem) else 0.0)
 
     def end(self) -> None:
         """Solve nothing more."""
@@ -104,34 +160,28 @@ class Answers:
     def _answer(self, request: Request) -> None:
         """Show what answers a request: at once from the last answer, and of the full search once the target rests."""
         if request.q is not None:
-            self._show(self._at(request, request.q))
+            try:
+                own = Answer(request, self._best, own=propagate(request.problem, request.q))
+            except PostureOptError as error:
+                own = Answer(request, reason=str(error))
+            self._show(own)
             return
         several = has_stations(request.problem)
         quick = Answer(request, self._best) if several else self.quick(request)
         self._show(quick)
-        if several or self._rests():
-            whole = self._whole(quick)
-            if whole is not None:
-                self._show(whole)
+        if not several:
+            with self._changed:
+                if self._changed.wait_for(lambda: self._ended or self._asked is not None, timeout=0.35):
+                    return  # it moves on
+        whole = self._whole(quick)
+        if whole is not None:
+            self._show(whole)
 
     def _next(self) -> Request | None:
-        """What was asked last, once something is; None at the end."""
         with self._changed:
             self._changed.wait_for(lambda: self._ended or self._asked is not None)
             request, self._asked = self._asked, None
             return None if self._ended else request
-
-    def _rests(self) -> bool:
-        """Whether nothing else is asked for a while."""
-        with self._changed:
-            return not self._changed.wait_for(lambda: self._ended or self._asked is not None, timeout=RESTS_S)
-
-    def _at(self, request: Request, q: tuple[float, ...]) -> Answer:
-        """The spread at a posture of the user's own, beside the best one that is known."""
-        try:
-            return Answer(request, self._best, own=propagate(request.problem, q))
-        except PostureOptError as error:
-            return Answer(request, reason=str(error))
 
     def quick(self, request: Request) -> Answer:
         """The best posture that searches from the last one find; which reason there is for none, is asked later."""
@@ -146,7 +196,6 @@ class Answers:
         return Answer(request, self._best)
 
     def _whole(self, quick: Answer) -> Answer | None:
-        """The answer of the full search; None where it was stopped."""
         found = self._search.call(select_posture, quick.request.problem)
         if found is None:
             return None
@@ -157,7 +206,8 @@ class Answers:
         self._q, self._best = found.q, found
         compared = quick.solution is not None and not found.points
         gain = 1.0 - found.sigma / quick.solution.sigma if compared and quick.solution else 0.0
-        return Answer(quick.request, found, whole=True, gain=gain if gain > _BETTER else 0.0)
+        gain = gain if gain > 1e-3 else 0.0  # of σ: else it is the same branch
+        return Answer(quick.request, found, whole=True, gain=gain)
 
 
 def has_stations(problem: Problem) -> bool:

@@ -2,29 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from posture_opt.numerics import Array
-from posture_opt.report.interactive.triangles import Triangles
 from posture_opt.report.scene.arm_solids import COLOURS, Role, Solid
+from posture_opt.report.scene.arm_view import Triangles
 
 if TYPE_CHECKING:
     import viser
 
-_HANDLE_PIXELS, _HANDLE_LINE_PIXELS = 100.0, 6.0
-"""Of the handles: a finger meets what is 24 pixels wide (WCAG 2.2, 2.5.8); of an arrow 4.5 lines are."""
 OPACITY: dict[Role, float] = {"obstacle": 0.55, "floor": 0.6, "region": 0.5}
 
 
 def rgb(colour: str) -> tuple[int, int, int]:
-    """``#RRGGBB`` as three numbers.
-
-    Example:
-        >>> rgb("#0072B2")
-        (0, 114, 178)
-    """
+    """``#RRGGBB`` as three numbers."""
     red, green, blue = (int(colour[k : k + 2], 16) for k in (1, 3, 5))
     return red, green, blue
 
@@ -33,8 +28,12 @@ def add_solid(server: viser.ViserServer, name: str, solid: Solid) -> Any:
     """A solid on the page; obstacles let through what is behind them."""
     flat = solid.role in ("obstacle", "floor", "base")
     mesh, near_side = Triangles.of([solid.faces]), solid.role == "obstacle"
-    colour, opacity = COLOURS[solid.role], OPACITY.get(solid.role, 1.0)
-    return add_mesh(server, name, _outward(mesh) if near_side else mesh, colour, opacity, flat, near_side)
+    if near_side:  # a convex surface, whose corners are to run counterclockwise as seen from outside
+        a, b, c = (mesh.corners[mesh.faces[:, k]] for k in range(3))
+        inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), a - mesh.corners.mean(axis=0)) < 0
+        faces = np.where(inward[:, None], mesh.faces[:, [0, 2, 1]], mesh.faces)
+        mesh = Triangles(mesh.corners, faces, mesh.owner)
+    return add_mesh(server, name, mesh, COLOURS[solid.role], OPACITY.get(solid.role, 1.0), flat, near_side)
 
 
 def add_mesh(
@@ -64,8 +63,9 @@ def add_handle(
     server: viser.ViserServer, name: str, planar: bool, visible: bool = True
 ) -> viser.TransformControlsHandle:
     """What is dragged: along axes and in planes, of a planar arm in its plane alone; as large in pixels at any zoom."""
+    # A finger meets what is 24 pixels wide (WCAG 2.2, 2.5.8): 4.5 lines of an arrow are.
     return server.scene.add_transform_controls(
-        name, scale=_HANDLE_PIXELS, line_width=_HANDLE_LINE_PIXELS, fixed=True, disable_rotations=True,
+        name, scale=100.0, line_width=6.0, fixed=True, disable_rotations=True,
         active_axes=(True, True, not planar), depth_test=False, visible=visible,
     )  # fmt: skip
 
@@ -90,8 +90,24 @@ def wxyz(R: Array) -> Array:
     return np.asarray(SO3.from_matrix(R).wxyz)
 
 
-def _outward(mesh: Triangles) -> Triangles:
-    """The same convex surface with corners that run counterclockwise as seen from outside."""
-    a, b, c = (mesh.corners[mesh.faces[:, k]] for k in range(3))
-    inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), a - mesh.corners.mean(axis=0)) < 0
-    return Triangles(mesh.corners, np.where(inward[:, None], mesh.faces[:, [0, 2, 1]], mesh.faces), mesh.owner)
+def add_points(server: viser.ViserServer, name: str, points: Array, colours: Any, size: float) -> None:
+    """Round points (k, 3) [m], ``size`` [m] wide."""
+    server.scene.add_point_cloud(name, points, colours, point_size=size, point_shape="circle", precision="float32")
+
+
+def put_label(server: viser.ViserServer, label: Any, name: str, words: str, place: Array, anchor: Any) -> Any:
+    """A label at a place (3,) [m]; one that is there already is moved."""
+    label = label or server.scene.add_label(name, words, position=tuple(place), anchor=anchor)
+    label.text, label.position = words, tuple(place)
+    return label
+
+
+def line(words: str, alarm: bool = False) -> str:
+    """Words as a line of the panel, read out by screen readers when it changes."""
+    weight = "600" if alarm else "400"
+    return f'<p style="margin:4px 14px;font-size:13px;font-weight:{weight}" role="status">{escape(words)}</p>'
+
+
+def on_user(field: Any, call: Callable[[], object]) -> None:
+    """Have a control call something when a browser changes it; what the program sets itself is no request."""
+    field.on_update(lambda event: call() if event.client is not None else None)

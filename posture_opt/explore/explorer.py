@@ -6,59 +6,41 @@ import threading
 import webbrowser
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
-from posture_opt.collision.narrowest import narrowest
+from posture_opt.collision.scene import narrowest
 from posture_opt.errors import InputError, Issue
-from posture_opt.explore.actions import Actions
 from posture_opt.explore.answers import Answer, Answers, Request, has_stations
-from posture_opt.explore.first_posture import posture_near
 from posture_opt.explore.live_scene import LiveScene
-from posture_opt.explore.panel import Panel
+from posture_opt.explore.panel import Actions, Panel
 from posture_opt.explore.server import served, stop
 from posture_opt.explore.taken_away import TakenAway, millimetres, places_of, position_of
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array
-from posture_opt.problem.plain_data import Plain
 from posture_opt.problem.problem import Problem
+from posture_opt.problem.yaml_source import Plain
 from posture_opt.report.scene.arm_geometry import ArmGeometry
 from posture_opt.report.scene.arm_solids import ArmSolids
-from posture_opt.robot.posture import Posture
+from posture_opt.robot.posture import Posture, drawn_between
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.uncertainty.spread.spread import Spread, propagate
 
-DEFAULT_PORT = 8080
-_TARGET = "target"
-"""The group of keys that a command line states by options."""
+_TARGET = "target"  # The group of keys that a command line states by options
 
 
 class Explorer:
-    """A live page, and what it shows.
-
-    ``target`` can be set, and the page follows; ``solution`` is the latest answer.
-
-    Args:
-        problem: with a task.
-        host, port: where the page is served; the next free port is taken.
-        folder: where "Save problem" writes to.
-        data: measurements whose errors are shown.
-
-    Raises:
-        InputError: no task, viser is missing, or the page cannot be served.
-    """
+    """A live page, and what it shows."""
 
     def __init__(
-        self, problem: Problem, host: str = "127.0.0.1", port: int = DEFAULT_PORT, folder: Path | None = None,
-        data: Measurements | None = None,
-    ) -> None:  # fmt: skip
+        self, problem: Problem, host: str = "127.0.0.1", port: int = 8080, data: Measurements | None = None
+    ) -> None:
         places = places_of(problem)
         spread = propagate(problem, posture_near(problem, places[0] if len(places) else None))
         geometry = ArmGeometry.of_spread(spread)
         self._stated = self._problem = problem
         self._changes: dict[str, dict[str, Plain]] = {}  # by groups of keys
-        self._away = TakenAway(problem, folder or Path())
+        self._away = TakenAway(problem)
         self._guard, self._drawing = threading.RLock(), threading.Lock()  # what is asked; one picture at a time
         self._closed = threading.Event()
         self._solution: Solution | None = None
@@ -75,9 +57,8 @@ class Explorer:
         self._scene.cell.show(self._cell)
         stated = position_of(problem)
         self._target = np.array(spread.position if stated is None else stated)
-        self._scene.place_handle(self._target)
-        self._panel.place(self._target)
-        self._scene.show_own(spread)
+        self._show_target(self._target)
+        self._scene.show(spread)
         self._scene.fade()
         self._scene.handle.visible = not has_stations(problem)
         self._answers = Answers(self._answered)
@@ -115,8 +96,7 @@ class Explorer:
         if place.shape != (3,) or not np.all(np.isfinite(place)):
             raise InputError(Issue("the target is not three finite numbers", ("target",), position))
         self._ask(place)
-        self._scene.place_handle(place)
-        self._panel.place(place)
+        self._show_target(place)
 
     @property
     def solution(self) -> Solution | None:
@@ -133,10 +113,6 @@ class Explorer:
     def command(self) -> str:
         """The command line that gives the answer to what is asked."""
         return self._away.command(self.problem, any(v for group, v in self._changes.items() if group != _TARGET))
-
-    def end_search(self) -> None:
-        """Solve nothing more: the page stays as it is."""
-        self._answers.end()
 
     def wait(self) -> None:
         """Return when the page was closed."""
@@ -160,21 +136,24 @@ class Explorer:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _dragged(self, place: Array, _let_go: bool) -> None:
+    def _dragged(self, place: Array) -> None:
         if self._tried(place):
             self._panel.place(place)
 
     def _typed(self, place: Array) -> None:
         if self._tried(place):
-            self._scene.place_handle(place)
+            self._scene.handle.position = tuple(place)
+
+    def _show_target(self, place: Array) -> None:
+        self._scene.handle.position = tuple(place)
+        self._panel.place(place)
 
     def _tried(self, place: Array) -> bool:
         """Have a target solved that somebody put there; one that no problem can have is refused, in words."""
         try:
             self._ask(place)
         except InputError as error:
-            self._scene.place_handle(self._target)
-            self._panel.place(self._target)
+            self._show_target(self._target)
             self._panel.say(str(error))
             return False
         return True
@@ -195,12 +174,7 @@ class Explorer:
         self._put(Request(problem))
 
     def change(self, group: str, values: dict[str, Plain]) -> bool:
-        """Have the same target solved with other values at some keys of the problem file; False where they do not fit.
-
-        Args:
-            group: of keys; what was changed of it before is as stated again.
-            values: key -> value as `Problem.replace` takes them.
-        """
+        """Have the same target solved with other values at some keys of the problem file."""
         try:
             problem = self._replaced(group, values)
         except InputError as error:
@@ -215,11 +189,6 @@ class Explorer:
         return True
 
     def _replaced(self, group: str, values: dict[str, Plain]) -> Problem:
-        """What is asked from now on.
-
-        Raises:
-            InputError: the values do not fit; nothing else is asked then.
-        """
         with self._guard:
             changes = {**self._changes, group: values}
             every = {key: value for part in changes.values() for key, value in part.items()}
@@ -237,70 +206,54 @@ class Explorer:
         self._answers.ask(request)
 
     def _answered(self, answer: Answer) -> None:
-        """Show an answer, unless something else is asked by now."""
         with self._guard:
             late = answer.request is not self._request
             if self._closed.is_set() or (late and not has_stations(answer.request.problem)):
                 return
             answer = replace(answer, whole=answer.whole and not late)  # stations take too long to be left out
             self._shown, self._solution = answer, answer.solution
-        self._place_freely(answer)
-        self.show(answer)
-
-    def _place_freely(self, answer: Answer) -> None:
-        """The handle where the tool point is, as long as the task asks for no place."""
         found = answer.solution
         if found is not None and not found.points and position_of(answer.request.problem) is None:
-            with self._guard:
+            with self._guard:  # the task asks for no place: the handle is where the tool point is
                 self._target = np.array(found.spread.position)
-            self._scene.place_handle(self._target)
-            self._panel.place(self._target)
-
-    def show(self, answer: Answer) -> None:
-        """Show an answer, in the scene and in numbers."""
+            self._show_target(self._target)
         self._draw(answer)
         self._panel.show(answer)
 
     def _redraw(self) -> None:
-        """The latest answer once more, with the layers that are asked for now."""
         if self._shown is not None:
             self._draw(self._shown)
 
     def _draw(self, answer: Answer) -> None:
-        """Show an answer in the scene: from the thread that solves, or from that of a checkbox."""
         with self._drawing:
-            self._drawn(answer)
-
-    def _drawn(self, answer: Answer) -> None:
-        shown: Spread | Solution | None = answer.own or answer.solution
-        if isinstance(shown, Solution) and shown.points and self._panel.stations is not None:
-            shown = self._panel.stations.show(shown, bool(self._changes.get("placement")))
-        self._scene.cell.show_gap(None if shown is None else narrowest(self._cell, np.asarray(shown.q)))
-        if answer.own is not None:
-            self._scene.show_own(answer.own, self._panel.layers)
-        elif isinstance(shown, Solution):
-            self._scene.show(shown, self._panel.layers)
-        else:
-            self._scene.fade(None if answer.nearest is None else answer.nearest.spread.position)
+            shown: Spread | Solution | None = answer.own or answer.solution
+            if isinstance(shown, Solution) and shown.points and self._panel.stations is not None:
+                shown = self._panel.stations.show(shown, bool(self._changes.get("placement")))
+            self._scene.cell.show_gap(None if shown is None else narrowest(self._cell, np.asarray(shown.q)))
+            if shown is not None:
+                self._scene.show(shown, self._panel.layers)
+            else:
+                self._scene.fade(None if answer.nearest is None else answer.nearest.spread.position)
 
 
 def explore(
-    problem: Problem, *, host: str = "127.0.0.1", port: int = DEFAULT_PORT, browser: bool = True,
+    problem: Problem, *, host: str = "127.0.0.1", port: int = 8080, browser: bool = True,
     data: Measurements | None = None,
 ) -> Explorer:  # fmt: skip
-    """A live page of a problem: drag the target, and the best posture follows.
-
-    Args:
-        problem: with a task.
-        host: an address of this machine.
-        port: the next free one is taken.
-        browser: whether a browser is opened.
-        data: measurements whose errors are shown.
-
-    Raises:
-        InputError: as `Explorer`.
-    """
+    """A live page of a problem: drag the target, and the best posture follows."""
     page = Explorer(problem, host, port, data=data)
     if browser:
         webbrowser.open_new_tab(page.url)
     return page
+
+
+def posture_near(problem: Problem, place: Sequence[float] | None) -> Array:
+    """A posture (n,) [rad or m] whose tool point is near a place [m]: of random ones the nearest that is clear."""
+    robot = problem.robot
+    low, high = drawn_between(robot)
+    Q = np.random.default_rng(0).uniform(low, high, (2000, robot.n))  # takes some ms
+    points = np.asarray(problem.arm.position(Q))
+    middle = points[points[:, 0] >= min(0.0, points[:, 0].max())].mean(axis=0) if place is None else np.asarray(place)
+    away = np.linalg.norm(points - middle, axis=1)
+    Q = Q[np.argsort(away, kind="stable")[:50]]
+    return np.asarray(Q[int(np.argmax(problem.scene.least(Q) > 0.0))])

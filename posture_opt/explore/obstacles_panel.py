@@ -13,19 +13,18 @@ import numpy as np
 
 from posture_opt.collision.obstacles import OBSTACLES
 from posture_opt.collision.obstacles.obstacle import Obstacle
+from posture_opt.explore.drawing import on_user
 from posture_opt.numerics import Array
-from posture_opt.problem.plain_data import Plain, Section
 from posture_opt.problem.problem import Problem
 from posture_opt.problem.schema import nodes_at
+from posture_opt.problem.yaml_source import Plain, Section
 
 if TYPE_CHECKING:
     import viser
 
 _NONE = "none"
+# Dimension -> units of the page in one SI unit, their name, and digits.
 _SHOWN = {"length": (1e3, "mm", 1), "angle": (180.0 / math.pi, "deg", 2)}
-"""Dimension -> units of the page in one SI unit, their name, and digits."""
-_NEW_SIZE = "150 mm"
-"""Of an obstacle that is added, where its kind has no size of its own."""
 
 
 @dataclass(frozen=True)
@@ -53,8 +52,6 @@ class ObstaclesPanel:
     """The controls of the obstacles.
 
     Args:
-        gui: inside the folder that they are in.
-        changed: called with key -> value of the problem file; returns whether they fit.
         chosen: called with the place (3,) [m] of the obstacle that was chosen; None for none, or one without a place.
         near: (3,) where a new obstacle is put [m], world.
     """
@@ -80,7 +77,7 @@ class ObstaclesPanel:
         kind: Any = gui.add_dropdown("Kind", tuple(kinds), disabled=self._off)
         add = gui.add_button("Add an obstacle", disabled=self._off)
         remove = gui.add_button("Remove the chosen one", disabled=self._off)
-        self._which.on_update(lambda event: self._choose() if event.client is not None else None)
+        on_user(self._which, self._choose)
         add.on_click(lambda _: self._add(kind.value, kinds[kind.value]))
         remove.on_click(lambda _: self._remove())
 
@@ -95,7 +92,6 @@ class ObstaclesPanel:
         return [str(entry["name"]) for entry in self._entries]
 
     def _choose(self) -> None:
-        """The fields of the chosen obstacle in place of those of the last one."""
         for _, field in self._fields.values():
             field.remove()
         self._fields = {}
@@ -114,13 +110,12 @@ class ObstaclesPanel:
         made = self._gui.add_vector3 if isinstance(entry.value, tuple) else self._gui.add_number
         field: Any = made(label, entry.shown(), step=step)
 
-        def typed(event: Any) -> None:
-            if event.client is not None:
-                self._put(entry, field.value)
-                if entry.key == "xyz":
-                    self._chosen(np.array(field.value) / entry.scale)
+        def typed() -> None:
+            self._put(entry, field.value)
+            if entry.key == "xyz":
+                self._chosen(np.array(field.value) / entry.scale)
 
-        field.on_update(typed)
+        on_user(field, typed)
         return field
 
     def _put(self, entry: _Entry, shown: Any) -> None:
@@ -131,10 +126,9 @@ class ObstaclesPanel:
         self._send(entries)
 
     def _send(self, entries: list[Section]) -> bool:
-        """Asks for other obstacles; those that do not fit change nothing."""
+        """Ask for other obstacles; what does not fit changes nothing."""
         fit = self._changed({"cell__obstacles": entries})
-        if fit:
-            self._entries = entries
+        self._entries = entries if fit else self._entries
         return fit
 
     def _add(self, word: str, kind: type[Obstacle]) -> None:
@@ -143,7 +137,7 @@ class ObstaclesPanel:
         new: Section = {"name": name, "kind": word}
         for key, field in kind.model_fields.items():
             if field.is_required() and key not in new:
-                new[key] = [_NEW_SIZE] * 3 if typing.get_origin(field.annotation) is tuple else _NEW_SIZE
+                new[key] = ["150 mm"] * 3 if typing.get_origin(field.annotation) is tuple else "150 mm"
         if "xyz" in kind.model_fields:
             new["xyz"] = [f"{1e3 * v:.1f} mm" for v in self._near()]
         if self._send([*copy.deepcopy(self._entries), new]):
@@ -168,12 +162,8 @@ def _entries(problem: Problem, number: int) -> Iterator[_Entry]:
     """The lengths and angles of an obstacle, by their dimension in the schema."""
     assert problem.cell is not None
     obstacle: Obstacle = problem.cell.obstacles[number]
-    document = {**problem.to_dict()}
-    document["cell"]["obstacles"][number] = {
-        **document["cell"]["obstacles"][number],
-        "xyz": [0, 0, 0],
-        "rpy": [0, 0, 0],
-    }
+    document = problem.to_dict()
+    document["cell"]["obstacles"][number] |= {"xyz": [0, 0, 0], "rpy": [0, 0, 0]}
     for key in type(obstacle).model_fields:
         value = getattr(obstacle, key)
         place = ("cell", "obstacles", number, key, *((0,) if isinstance(value, tuple) else ()))

@@ -1,14 +1,9 @@
-"""``OtherProcess``: what takes long is computed in a process of its own that can be stopped at any moment.
-
-It must not slow down the loop that follows the mouse, and where nothing is feasible the full search looks for reasons
-for seconds. IPOPT's linear solver is not thread-safe, so a second thread is no way.
-"""
+"""``OtherProcess``: what takes long is computed in a process of its own that can be stopped at any moment."""
 
 from __future__ import annotations
 
 import os
 import pickle
-import struct
 import subprocess
 import sys
 import threading
@@ -19,9 +14,6 @@ from typing import IO, Any
 
 from posture_opt.errors import PostureOptError, SolverError
 from posture_opt.numerics import Progress
-
-_ANSWER, _PROGRESS = "answer", "progress"
-_LENGTH = struct.Struct(">Q")  # bytes of the message that follows
 
 
 class OtherProcess:
@@ -36,10 +28,7 @@ class OtherProcess:
     def call(self, function: Callable[..., Any], *given: Any, progress: Progress | None = None) -> Any:
         """What ``function(*given)`` returns, or the `PostureOptError` that it raises; None where it was stopped.
 
-        Where the process ends by itself, of short memory or by somebody's hand, another one begins anew, once.
-
         Args:
-            function: that a module has by name; ``given`` what can be pickled.
             progress: called with (done, most); the function takes what calls it as its last argument then.
         """
         self._stopped = False
@@ -47,7 +36,7 @@ class OtherProcess:
             for _ in range(2):
                 try:
                     return self._called(function, given, progress)
-                except (OSError, EOFError):
+                except (OSError, EOFError, pickle.UnpicklingError):  # it ended by itself, or by somebody's hand
                     self._end()
                     if self._stopped:
                         return None
@@ -56,11 +45,6 @@ class OtherProcess:
             self._began = None
 
     def _called(self, function: Callable[..., Any], given: tuple[Any, ...], progress: Progress | None) -> Any:
-        """The answer of the process.
-
-        Raises:
-            OSError, EOFError: it ended.
-        """
         with self._guard:
             if self._stopped:
                 raise EOFError
@@ -70,8 +54,8 @@ class OtherProcess:
         assert process.stdout is not None
         _send(process.stdin, (function, given, progress is not None))
         while True:
-            word, *said = _receive(process.stdout)
-            if word == _ANSWER:
+            done, *said = pickle.load(process.stdout)
+            if done:
                 return said[0]
             if progress is not None:
                 progress(*said)
@@ -97,7 +81,7 @@ class OtherProcess:
 
 
 def _started() -> subprocess.Popen[bytes]:
-    """A process that `serve`s: it finds what this one can import, and nothing else in the folder that it starts in."""
+    """A process that `serve`s: it can import what this one can, and nothing else in the folder that it starts in."""
     command = [sys.executable, "-P", "-c", "from posture_opt.explore.other_process import serve; serve()"]
     paths = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     pipe = subprocess.PIPE
@@ -110,23 +94,20 @@ def serve() -> None:
     sys.stdout = sys.stderr  # what libraries print must not run into the answers
 
     def progress(done: int, most: int) -> None:
-        _send(answers, (_PROGRESS, done, most))
+        _send(answers, (False, done, most))
 
     while True:
         try:
-            function, arguments, shows = _receive(given)
+            function, arguments, shows = pickle.load(given)
         except EOFError:
             return
-        _send(answers, (_ANSWER, _found(function, (*arguments, progress) if shows else arguments)))
-
-
-def _found(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
-    try:
-        return function(*arguments)
-    except PostureOptError as error:
-        return error
-    except Exception as error:
-        return defect(error)
+        try:
+            found = function(*arguments, *((progress,) if shows else ()))
+        except PostureOptError as error:
+            found = error
+        except Exception as error:
+            found = defect(error)
+        _send(answers, (True, found))
 
 
 def defect(error: Exception) -> SolverError:
@@ -136,19 +117,5 @@ def defect(error: Exception) -> SolverError:
 
 
 def _send(stream: IO[bytes], message: object) -> None:
-    content = pickle.dumps(message)
-    stream.write(_LENGTH.pack(len(content)) + content)
+    stream.write(pickle.dumps(message))
     stream.flush()
-
-
-def _receive(stream: IO[bytes]) -> Any:
-    """The next message of a process of our own.
-
-    Raises:
-        EOFError: the stream ended.
-    """
-    head = stream.read(_LENGTH.size)
-    if len(head) < _LENGTH.size:
-        raise EOFError
-    content = stream.read(_LENGTH.unpack(head)[0])
-    return pickle.loads(content)

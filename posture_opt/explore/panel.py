@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from posture_opt.explore.actions import Actions
-from posture_opt.explore.answers import Answer, has_stations
-from posture_opt.explore.following import all_but_position
+from posture_opt.explore.answers import Answer, all_but_position, has_stations
+from posture_opt.explore.drawing import line, on_user
 from posture_opt.explore.live_map import LiveMap
 from posture_opt.explore.live_scene import Layers
 from posture_opt.explore.measured import Measured
@@ -21,6 +21,7 @@ from posture_opt.explore.stations import Stations
 from posture_opt.explore.task_panel import TaskPanel
 from posture_opt.numerics import Array
 from posture_opt.problem.problem import Problem
+from posture_opt.problem.yaml_source import Plain
 from posture_opt.report.page.colours import BLUE, LIGHT
 from posture_opt.statements.notation import length, sentence
 
@@ -28,32 +29,38 @@ if TYPE_CHECKING:
     import viser
 
     from posture_opt.report.scene.arm_geometry import ArmGeometry
-    from posture_opt.robot.robot import Joint
     from posture_opt.selection.answer.solution import Solution
-    from posture_opt.uncertainty.spread.budget_groups import ShareGroup
+    from posture_opt.uncertainty.spread.budget import ShareGroup
     from posture_opt.uncertainty.spread.spread import Spread
 
-_FIRST = "Searching …"
-_WAITING = "No posture found yet; the full search goes on …"
-_DRAG = " Drag the arrows at the tool point to try another place."
+
+@dataclass(frozen=True)
+class Actions:
+    """What the controls call.
+
+    Args:
+        moved: with the place (3,) [m] that the target was typed to.
+        turned: with the posture (n,) [rad or m] that the joints were set to; with None, to go back to the best.
+        chosen: with the place (3,) [m] of the obstacle that was chosen; None for none.
+    """
+
+    moved: Callable[[Array], None]
+    changed: Callable[[str, dict[str, Plain]], bool]
+    turned: Callable[[tuple[float, ...] | None], None]
+    redraw: Callable[[], None]
+    chosen: Callable[[Array | None], None]
+    save: Callable[[], str]
+    report: Callable[[], str]
+    picture: Callable[[Any], str]
+    asked: Callable[[], Problem]
+    command: Callable[[], str]
+
+
 _SAME = 5e-4  # of σ: places that differ by less are equally good in three digits
-_NAMED = 2  # sources of a group whose errors cancel
-_BARS = 6  # of the error budget
-_STEP_MM = 0.1
-_NEW_ABOVE_M = np.array([0.0, 0.0, 0.3])  # from the target to an obstacle that is added
-_DIGITS = 2  # of joint values, in degrees and mm
 
 
 class Panel:
-    """The controls beside the scene.
-
-    Args:
-        server: of the page.
-        problem: as stated.
-        geometry: of the arm.
-        actions: what the controls call.
-        measured: whether there are measurements at first.
-    """
+    """The controls beside the scene."""
 
     def __init__(
         self, server: viser.ViserServer, problem: Problem, geometry: ArmGeometry, actions: Actions, measured: bool
@@ -61,9 +68,9 @@ class Panel:
         gui, self._actions = server.gui, actions
         self._first: tuple[object, float] | None = None
         gui.set_panel_label(problem.name)
-        self._state = gui.add_html(_line(_FIRST))
+        self._state = gui.add_html(line("Searching …"))
         self._numbers = gui.add_html("")
-        self._place: Any = gui.add_vector3("Target [mm]", (0.0, 0.0, 0.0), step=_STEP_MM, hint="in the world frame")
+        self._place: Any = gui.add_vector3("Target [mm]", (0.0, 0.0, 0.0), step=0.1, hint="in the world frame")
         self.stations: Stations | None = None
         if has_stations(problem):
             self._place.visible = False
@@ -76,9 +83,16 @@ class Panel:
             self._task = TaskPanel(gui, problem, partial(actions.changed, "task"))
         with gui.add_folder("Obstacles", expand_by_default=False):
             changed = partial(actions.changed, "obstacles")
-            self.obstacles: ObstaclesPanel = ObstaclesPanel(gui, problem, changed, actions.chosen, self._near)
+            self.obstacles: ObstaclesPanel = ObstaclesPanel(
+                gui, problem, changed, actions.chosen, lambda: self._target() + np.array([0.0, 0.0, 0.3])
+            )
         with gui.add_folder("Joints", expand_by_default=False):
-            self._joints = [_slider(gui, joint) for joint in problem.robot.joints]
+            self._joints: list[tuple[float, Any]] = []  # units of a slider in one rad or m, and the slider
+            for joint in problem.robot.joints:
+                scale, unit = (1e3, "mm") if joint.type == "prismatic" else (180.0 / np.pi, "deg")
+                low, high = scale * joint.lower, scale * joint.upper
+                slider = gui.add_slider(f"{joint.name} [{unit}]", low, high, 0.01, min(max(0.0, low), high))
+                self._joints.append((scale, slider))
             back = gui.add_button("Back to the best posture")
         self.map: LiveMap = LiveMap(server, actions.asked, self._put)
         with gui.add_folder("Measurements", expand_by_default=measured):
@@ -87,14 +101,12 @@ class Panel:
         self._add_taken_away(gui)
         for box in (self._cloud, self._first_order):
             box.on_update(lambda _event: actions.redraw())
-        # What the program sets itself, without a browser, is no request.
-        self._place.on_update(lambda event: self._moved() if event.client is not None else None)
-        for _scale, slider in self._joints:
-            slider.on_update(lambda event: actions.turned(self._posture()) if event.client is not None else None)
+        on_user(self._place, lambda: actions.moved(self._target()))
+        for _, slider in self._joints:
+            on_user(slider, lambda: actions.turned(tuple(slider.value / scale for scale, slider in self._joints)))
         back.on_click(lambda _event: actions.turned(None))
 
     def _add_taken_away(self, gui: viser.GuiApi) -> None:
-        """The buttons that write files, and what they say."""
         problem = gui.add_button("Save problem", hint="as a file that the command line takes")
         report = gui.add_button("Save report", hint="figures, numbers and a page, as --out writes them")
         picture = gui.add_button("Save picture", hint="what this browser shows, as a PNG file")
@@ -102,8 +114,8 @@ class Panel:
 
         def write(doing: str, done: Callable[[Any], str]) -> Callable[[Any], None]:
             def clicked(event: Any) -> None:
-                self._saved.content = _line(doing)
-                self._saved.content = _line(done(event.client))
+                self._saved.content = line(doing)
+                self._saved.content = line(done(event.client))
                 self._text.value = self._actions.command()  # names the file that was written
 
             return clicked
@@ -115,18 +127,15 @@ class Panel:
     def _put(self, position: Array) -> None:
         """The target at a place [m]."""
         self.place(position)
-        self._moved()
+        self._actions.moved(self._target())
 
-    def _moved(self) -> None:
-        self._actions.moved(np.array(self._place.value) / 1e3)
-
-    def _near(self) -> Array:
-        """Where a new obstacle is put: above the target [m]."""
-        return np.asarray(np.array(self._place.value) / 1e3 + _NEW_ABOVE_M)
+    def _target(self) -> Array:
+        """(3,) where the target is [m], world."""
+        return np.array(self._place.value) / 1e3
 
     def say(self, words: str) -> None:
         """Why something cannot be done."""
-        self._state.content = _line(sentence(words), alarm=True)
+        self._state.content = line(sentence(words), alarm=True)
 
     @property
     def layers(self) -> Layers:
@@ -139,24 +148,24 @@ class Panel:
         self._task.show()
         if answer.solution is None:
             self._numbers.content = self._budget.content = ""
-            self._state.content = _line(
-                sentence(answer.reason) if answer.reason else _WAITING,
-                alarm=True,
-            )
+            waiting = "No posture found yet; the full search goes on …"
+            self._state.content = line(sentence(answer.reason) if answer.reason else waiting, alarm=True)
             return
         if answer.own is not None:
-            self._state.content = _line(_compared(answer.solution, answer.own))
+            self._state.content = line(_compared(answer.solution, answer.own))
             self._numbers.content = _small(answer.own._repr_html_())
             self._budget.content = _bars(answer.own.budget_groups)
             return
-        self._state.content = _line(_status(answer) + self._beside_first(answer))
-        self._numbers.content = _small(answer.solution._repr_html_()) + _gain(answer.solution)
+        self._state.content = line(_status(answer) + self._beside_first(answer))
+        typical = math.nan if answer.solution.points else answer.solution.statistics.typical
+        gain = line(f"Typical feasible posture: {length(typical)}.") if math.isfinite(typical) else ""
+        self._numbers.content = _small(answer.solution._repr_html_()) + gain
         self._budget.content = _bars(answer.solution.task_spread.budget_groups)
         for (factor, slider), value in zip(self._joints, answer.solution.q, strict=True):
-            slider.value = round(float(value) * factor, _DIGITS)
+            slider.value = round(float(value) * factor, 2)
 
     def _beside_first(self, answer: Answer) -> str:
-        """How the target compares with the first one that was asked of the same arm, errors and cell, in words."""
+        """How the target compares with the first one that was asked of the same arm, errors and cell."""
         found = answer.solution
         if found is None or found.points or not self._place.visible:
             return ""
@@ -164,11 +173,9 @@ class Panel:
         if self._first is None or self._first[0] != asked:
             self._first = asked, found.sigma
         ratio = found.sigma / self._first[1]
-        return _DRAG if abs(ratio - 1.0) < _SAME else f" {ratio:.3g} times the standard deviation at the first target."
-
-    def _posture(self) -> tuple[float, ...]:
-        """(n,) what the joints are set to [rad or m]."""
-        return tuple(slider.value / scale for scale, slider in self._joints)
+        if abs(ratio - 1.0) < _SAME:
+            return " Drag the arrows at the tool point to try another place."
+        return f" {ratio:.3g} times the standard deviation at the first target."
 
     def place(self, position: Array) -> None:
         """Where the target is [m]."""
@@ -177,7 +184,6 @@ class Panel:
 
 
 def _status(answer: Answer) -> str:
-    """How final an answer is, in words."""
     if answer.reason:
         return f"Followed the target; no full search: {sentence(answer.reason)}"
     if not answer.whole and has_stations(answer.request.problem):
@@ -190,7 +196,6 @@ def _status(answer: Answer) -> str:
 
 
 def _compared(best: Solution, own: Spread) -> str:
-    """How a posture of the user's own compares with the best one, which the task asks for."""
     if best.points:
         return "Posture of your own."
     ratio = best.sigma_at(best.target, np.array(own.q)) / best.sigma_max
@@ -199,42 +204,20 @@ def _compared(best: Solution, own: Spread) -> str:
     return f"Posture of your own: {size} of the best one; their tool points are {off:.1f} mm apart."
 
 
-def _slider(gui: viser.GuiApi, joint: Joint) -> tuple[float, Any]:
-    """A slider over the range of a joint, in degrees or mm, and how many of these make one rad or m."""
-    scale, unit = (1e3, "mm") if joint.type == "prismatic" else (180.0 / np.pi, "deg")
-    low, high = scale * joint.lower, scale * joint.upper
-    step = 10.0**-_DIGITS
-    return scale, gui.add_slider(f"{joint.name} [{unit}]", low, high, step, min(max(0.0, low), high))
-
-
 def _small(html: str) -> str:
     return f'<div style="margin:0 10px;font-size:13px;text-align:left">{html}</div>'
 
 
-def _gain(found: Solution) -> str:
-    """What a typical posture would give; nothing for stations, whose table says it."""
-    typical = math.nan if found.points else found.statistics.typical
-    return _line(f"Typical feasible posture: {length(typical)}.") if math.isfinite(typical) else ""
-
-
-def _line(text: str, alarm: bool = False) -> str:
-    weight = "600" if alarm else "400"
-    return f'<p style="margin:4px 14px;font-size:13px;font-weight:{weight}" role="status">{escape(text)}</p>'
-
-
 def _bars(budget: Sequence[ShareGroup]) -> str:
-    """The error budget: a bar a source, or sources whose errors cancel, as long as their share of the variance."""
-    rows = "".join(
-        f'<div style="margin:3px 0"><div style="background:{LIGHT};height:6px">'
-        f'<div style="background:{BLUE};height:6px;width:{100 * group.share:.1f}%"></div></div>'
-        f"{escape(_together(group))} {100 * group.share:.0f} %</div>"
-        for group in budget[:_BARS]
-        if group.share > 0
-    )
+    """A bar a source, or sources whose errors cancel, as long as their share of the variance."""
+    rows = ""
+    for group in budget[:6]:
+        if group.share > 0:
+            more = len(group.parameters) - 2
+            named = ", ".join(group.parameters[:2]) + (f" and {more} more together" if more > 0 else "")
+            rows += (
+                f'<div style="margin:3px 0"><div style="background:{LIGHT};height:6px">'
+                f'<div style="background:{BLUE};height:6px;width:{100 * group.share:.1f}%"></div></div>'
+                f"{escape(named)} {100 * group.share:.0f} %</div>"
+            )
     return f'<div style="margin:4px 14px;font-size:12px"><b>Error budget</b>{rows}</div>'
-
-
-def _together(group: ShareGroup) -> str:
-    """The sources of a group: the two largest, and how many more."""
-    more = len(group.parameters) - _NAMED
-    return ", ".join(group.parameters[:_NAMED]) + (f" and {more} more together" if more > 0 else "")

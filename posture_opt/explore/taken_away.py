@@ -15,37 +15,27 @@ from posture_opt.errors import InputError
 from posture_opt.files import content, problems_folder
 from posture_opt.numerics import Array
 from posture_opt.output import write_file
-from posture_opt.problem.edited_text import edited
 from posture_opt.problem.problem import Problem
-from posture_opt.problem.yaml_source import MAX_BYTES, parse_yaml
+from posture_opt.problem.yaml_source import MAX_BYTES, edited, parse_yaml
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.tasks.path_task import PathTask
 
-_EXPLORED = "_explored"
-"""What the names of written files end in."""
-_MOST_NAMES = 1000  # that are tried, where files that were not written here have the first
-_PICTURE = 1600, 1000
-"""Width and height of a picture in pixels."""
-
 
 class TakenAway:
-    """Writes what is asked for.
+    """Writes what is asked for."""
 
-    Args:
-        stated: the problem that the page was opened with; the files are named after it.
-        folder: that is written to.
-    """
-
-    def __init__(self, stated: Problem, folder: Path) -> None:
+    def __init__(self, stated: Problem) -> None:
         self._stated = stated
-        self.folder: Path = folder
+        self.folder: Path = Path()
         file = stated.origin.file
-        self._first = self._stem = f"{Path(file).stem if file else 'problem'}{_EXPLORED}"
+        self._first = self._stem = f"{Path(file).stem if file else 'problem'}_explored"
         self._wrote: dict[Path, bytes] = {}
 
     def command(self, problem: Problem, changed: bool) -> str:
         """The command line that gives the answer to a problem; ``changed``: in more than its target."""
-        words = ["optimize-posture", "--problem", f"{self._stem}.yaml" if changed else _named(self._stated)]
+        file = Path(self._stated.origin.file or self._stated.name)
+        named = file.stem if file.parent == problems_folder() else str(file)
+        words = ["optimize-posture", "--problem", f"{self._stem}.yaml" if changed else named]
         place = position_of(problem)
         if place is not None and not changed:
             words += ["--position", ", ".join(millimetres(place))]
@@ -55,7 +45,9 @@ class TakenAway:
         """Writes a problem with what it needs; the comments of its file stay. Returns what to say of it."""
         try:
             for stem in self._stems():
-                files = self._files(problem, stem)
+                name, files = f"{stem}.yaml", problem.files(stem)
+                kept = edited(self._text(), parse_yaml(files[name].decode()).data)
+                files = files if kept is None else {**files, name: kept.encode()}
                 if not any(self._is_anothers(name, content) for name, content in files.items()):
                     self._stem = stem
                     return self._written(files)
@@ -63,16 +55,9 @@ class TakenAway:
             return str(error)
         return "There is no free name."
 
-    def _files(self, problem: Problem, stem: str) -> dict[str, bytes]:
-        """A problem file with what it needs, by their names."""
-        name, files = f"{stem}.yaml", problem.files(stem)
-        kept = edited(self._text(), parse_yaml(files[name].decode()).data)
-        return files if kept is None else {**files, name: kept.encode()}
-
     def _stems(self) -> Iterator[str]:
-        """Names without their endings, the first one first."""
         yield self._first
-        yield from (f"{self._first}_{k}" for k in range(2, _MOST_NAMES))
+        yield from (f"{self._first}_{k}" for k in range(2, 1000))
 
     def _is_anothers(self, name: str, content_of_it: bytes) -> bool:
         """Whether a file says something that this page did not write: it was there before, or was changed since."""
@@ -98,8 +83,7 @@ class TakenAway:
         """Writes what a browser shows of the scene."""
         if client is None:
             return "No browser asked for it."
-        width, height = _PICTURE
-        pixels = png(client.get_render(height=height, width=width))
+        pixels = png(client.get_render(height=1000, width=1600))
         name = next((name for stem in self._stems() if not (self.folder / (name := f"{stem}.png")).exists()), "")
         return self._written({name: pixels}) if name else "There is no free name."
 
@@ -150,9 +134,3 @@ def places_of(problem: Problem) -> Array:
 def millimetres(place: Sequence[float] | Array) -> list[str]:
     """A place [m] in tenths of a millimetre, as files write it."""
     return [f"{1e3 * v + 0.0:.1f} mm" for v in np.round(np.asarray(place, dtype=float), 4) + 0.0]
-
-
-def _named(problem: Problem) -> str:
-    """The file of a problem, as a command line names it; of a built-in one the name."""
-    file = Path(problem.origin.file or problem.name)
-    return file.stem if file.parent == problems_folder() else str(file)

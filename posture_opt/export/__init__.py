@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
     EXPORTS: tuple[type[ExportFormat], ...]
 
+# The formats of the arm and of its covariance.
 ARM_FORMATS = {
     # kind -> its file, whose words in capitals are its class
     "c": "c_code",
@@ -21,14 +22,8 @@ ARM_FORMATS = {
     "urdf": "urdf_arm",
     "dh": "dh_table",
 }
-"""The formats of the arm and of its covariance."""
-PROGRAM_FORMATS = {
-    "urscript": "ur_script",
-    "krl": "krl",
-    "rapid": "rapid",
-    "jointstate": "joint_state",
-}
-"""The languages of robot programs."""
+# The languages of robot programs.
+PROGRAM_FORMATS = {"urscript": "ur_script", "krl": "krl", "rapid": "rapid", "jointstate": "joint_state"}
 
 
 def __getattr__(name: str) -> Any:
@@ -39,7 +34,6 @@ def __getattr__(name: str) -> Any:
 
 
 def _format(kind: str) -> type[ExportFormat]:
-    """The class of a format, whose file is imported."""
     home = import_module(f"posture_opt.export.{ARM_FORMATS[kind] if kind in ARM_FORMATS else PROGRAM_FORMATS[kind]}")
     words = home.__name__.rpartition(".")[2].split("_")
     found: type[ExportFormat] = getattr(home, "".join(word.capitalize() for word in words))

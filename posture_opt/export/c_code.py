@@ -8,19 +8,18 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from posture_opt.export.export_format import Exported, ExportFormat, ExportSource
-from posture_opt.export.objective_note import objective_or_note
+from posture_opt.export.export_format import Exported, ExportFormat, ExportSource, objective_or_note
 from posture_opt.model.c_rows import literal
 from posture_opt.model.c_source import c_source
 from posture_opt.model.compiled import BatchFunction
 from posture_opt.numerics import Array
-from posture_opt.robot.joint_ranges import drawn_between
+from posture_opt.robot.posture import drawn_between
 from posture_opt.robot.robot import Robot
 from posture_opt.uncertainty.spread.spread_function import spread_expressions
 
 POSTURES = 5
+# Of the largest entry of an output: thousands of roundings, and square roots where two variances nearly agree.
 TOLERANCE = 1e-10
-"""Of the largest entry of an output: thousands of roundings, and square roots where two variances nearly agree."""
 
 
 class CCode(ExportFormat):
@@ -53,7 +52,6 @@ class CCode(ExportFormat):
 
 
 def _written(name: str, texts: tuple[str, str]) -> dict[str, str]:
-    """Header and source by file name."""
     text, header = texts
     return {f"{name}.h": header, f"{name}.c": text}
 
@@ -64,7 +62,6 @@ class CheckedFunction:
 
     Args:
         name: in C; ``function`` takes q (n,) [rad or m].
-        rows: whether ``name_rows`` is there too, for many postures in one call.
     """
 
     name: str
@@ -73,11 +70,7 @@ class CheckedFunction:
 
 
 def check_text(robot: Robot, checked: Sequence[CheckedFunction]) -> str:
-    """C99 of a ``main`` that returns 0 where all functions give the numbers of CasADi's interpreter at `POSTURES`.
-
-    Postures are drawn uniformly between the joint limits with seed 0. Wrong is a difference above `TOLERANCE` of the
-    largest entry of the output, or a NaN.
-    """
+    """C99 of a ``main`` that returns 0 where all functions give the numbers of CasADi's interpreter at `POSTURES`."""
     low, high = drawn_between(robot)
     Q = np.random.default_rng(0).uniform(low, high, (POSTURES, robot.n))
     lines = [_CHECK_HEADER, *(f'#include "{each.name}.h"' for each in checked), "", *_array("q", Q), _COMPARE_FUNCTION]
@@ -101,7 +94,6 @@ def _declared(each: CheckedFunction, Q: Array) -> Iterator[str]:
 
 
 def _calls(each: CheckedFunction, n: int) -> Iterator[str]:
-    """Lines of ``main``: every output alone, for one posture and for all at once."""
     keys = _keys(each)
     for key in keys:
         size = each.function.numel_out(keys.index(key))
@@ -120,12 +112,10 @@ def _calls(each: CheckedFunction, n: int) -> Iterator[str]:
 
 
 def _keys(each: CheckedFunction) -> list[str]:
-    """The names of the outputs, in their order."""
     return [each.function.name_out(i) for i in range(each.function.n_out())]
 
 
 def _array(name: str, values: Array) -> Iterator[str]:
-    """A constant array of C, a line for each row of the values, with all 17 digits."""
     yield f"static const double {name}[{values.size}] = {{"
     for row in values:
         yield f"  {', '.join(map(literal, row.tolist()))},"

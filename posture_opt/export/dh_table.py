@@ -5,17 +5,14 @@ from __future__ import annotations
 import math
 from typing import ClassVar, Literal
 
-from posture_opt.csv_text import csv_line
 from posture_opt.export.export_format import Exported, ExportFormat, ExportSource
+from posture_opt.texts import csv_line
 
 _EFFECTS_NOTE = "the effects of the arm are no parameters of its geometry and are left out"
 
 
 class DhTable(ExportFormat):
-    """A table for controllers that take corrected parameters, and for people.
-
-    One row for each parameter of the arm: unit (deg or mm), nominal value, correction, and their sum, to 15 digits.
-    """
+    """A table for controllers that take corrected parameters, and for people."""
 
     summary: ClassVar[str] = "CSV of every parameter: nominal value, correction, sum"
     default: ClassVar[str] = "dh"

@@ -14,19 +14,9 @@ from posture_opt.robot.posture import PostureLike, read_posture
 from posture_opt.selection.problem_data import ProblemData
 
 
-def kind_of_export(listed: type[ExportFormat]) -> str:
-    """The name of a format."""
-    return str(get_args(listed.model_fields["kind"].annotation)[0])
-
-
 def export_kinds() -> dict[str, type[ExportFormat]]:
     """The formats by name."""
-    return {kind_of_export(listed): listed for listed in EXPORTS}
-
-
-def program_kinds() -> dict[str, type[ProgramFormat]]:
-    """The formats of robot programs by name."""
-    return {kind_of_export(listed): listed for listed in EXPORTS if issubclass(listed, ProgramFormat)}
+    return {str(get_args(listed.model_fields["kind"].annotation)[0]): listed for listed in EXPORTS}
 
 
 @interruptible()
@@ -80,9 +70,7 @@ def export_files(
 
 
 def program_files(program: RobotProgram, to: str, name: str) -> Exported:
-    """A robot program that is known, in one of the languages of controllers.
-
-    Raises:
-        InputError: as of `export_files`.
-    """
-    return program_kinds()[to](name=name).written(program)
+    """A robot program that is known, in one of the languages of controllers."""
+    language = export_kinds()[to](name=name)
+    assert isinstance(language, ProgramFormat)
+    return language.written(program)

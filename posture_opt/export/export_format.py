@@ -7,15 +7,14 @@ from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from posture_opt.errors import InputError, Issue
 from posture_opt.export.robot_program import MotionRequest, RobotProgram, answer_programs
+from posture_opt.selection.answer.task_objective import task_objective
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.select_posture import select_posture
 from posture_opt.spec import Spec
-
-_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
 
 @dataclass(frozen=True)
@@ -33,14 +32,7 @@ class Exported:
 
 @dataclass(frozen=True, eq=False)
 class ExportSource:
-    """A problem, and the motion that answers it, planned only where a format asks for it.
-
-    Args:
-        problem: what is exported.
-        asked: of a program.
-        seed, workers: of the planning.
-        given: the program, where it is known already.
-    """
+    """A problem, and the motion that answers it, planned only where a format asks for it."""
 
     problem: ProblemData
     asked: MotionRequest
@@ -50,11 +42,7 @@ class ExportSource:
 
     @cached_property
     def programs(self) -> list[RobotProgram]:
-        """The motion to write: one program, or the parts of a path.
-
-        Raises:
-            NoSolutionError, InputError: as of `select_posture`.
-        """
+        """The motion to write: one program, or the parts of a path."""
         if self.given is not None:
             return [self.given]
         answer = select_posture(self.problem, seed=self.seed, workers=self.workers)
@@ -62,19 +50,12 @@ class ExportSource:
 
 
 class ExportFormat(Spec):
-    """One format of an export; ``name`` is that of functions, programs and files.
+    """One format of an export; ``name`` is that of functions, programs and files."""
 
-    A kind has its mathematics and its words in one file; `EXPORTS` lists it, and every command knows it from then on.
-    """
-
-    summary: ClassVar[str]
-    """What it is, for lists."""
-    default: ClassVar[str]
-    """Name where none is given."""
-    reserved: ClassVar[frozenset[str]] = frozenset()
-    """Names that mean something else in the language."""
-    case_counts: ClassVar[bool] = True
-    """Whether the language tells names apart by upper and lower case."""
+    summary: ClassVar[str]  # What it is, for lists
+    default: ClassVar[str]  # Name where none is given
+    reserved: ClassVar[frozenset[str]] = frozenset()  # Names that mean something else in the language
+    case_counts: ClassVar[bool] = True  # Whether the language tells names apart by upper and lower case
 
     name: str = ""
 
@@ -88,15 +69,22 @@ class ExportFormat(Spec):
 
     @property
     def stem(self) -> str:
-        """The name, checked.
-
-        Raises:
-            InputError: it is no identifier, or a word of the language.
-        """
+        """The name, checked."""
         name = self.name or self.default
-        if not _NAME.fullmatch(name):
+        if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name):
             raise InputError(Issue(f"{name!r} is no name", ("--name",), name, "use letters, digits and _"))
         words = self.reserved if self.case_counts else {word.lower() for word in self.reserved}
         if (name if self.case_counts else name.lower()) in words:
             raise InputError(Issue(f"{name!r} is a word of the language itself", ("--name",), name, f"use {name}_1"))
         return name
+
+
+def objective_or_note(problem: ProblemData) -> tuple[tuple[Any, dict[str, str]] | None, tuple[str, ...]]:
+    """The function of `task_objective` with its descriptions, and sentences on what is left out or counted."""
+    if problem.task is None:
+        return None, ("the problem has no task: there is no objective to export",)
+    if problem.task.features or problem.task.on_path:
+        text = "the task has several targets, so no single objective is exported"
+        return None, (f"{text}: write one for one of them with --position",)
+    errs = "the objective counts the errors of the workpiece; the covariance is that of the arm alone"
+    return task_objective(problem), () if problem.workpiece_sources.empty else (errs,)

@@ -15,20 +15,12 @@ from posture_opt.export.program_format import ProgramFormat
 from posture_opt.export.robot_program import RobotProgram
 from posture_opt.problem.yaml_source import dump_texts
 
-_FULL_JOINT_SPEED = 1.0  # rad/s or m/s of the joint that moves most, at 100 % of the speed
-_MIN_INTERVAL_S = 0.1  # s between two points of a trajectory
-_FIRST_STOP_S = 5.0  # s to the first one, from wherever the arm is, at the usual speed or more
-_USUAL_SPEED = 10.0  # percent
-_POINTS_NOTE = "Between two points the joints are interpolated: the tool is on its line at the points only."
-
 
 class JointState(ProgramFormat):
-    """A ROS message as YAML: of one posture a ``sensor_msgs/JointState``, of several a
-    ``trajectory_msgs/JointTrajectory``.
+    """A ROS message as YAML: of one posture a ``JointState``, of several a ``JointTrajectory``.
 
-    Positions in rad and m, by the joint names of the model. Along a path, and on the lines to and from a stop, times
-    are those of the speed of the tool point. Elsewhere they are those of the joint that moves most, at 1 rad/s or 1
-    m/s for a speed of 100 %, at least 0.1 s apart; the first stop has 5 s from wherever the arm is.
+    Along a path, and on the lines to and from a stop, times are those of the speed of the tool point. Elsewhere they
+    are those of the joint that moves most, at 1 rad/s or 1 m/s for a speed of 100 %, at least 0.1 s apart.
     """
 
     summary: ClassVar[str] = "ROS message as YAML: JointState, or JointTrajectory of several stops"
@@ -41,8 +33,9 @@ class JointState(ProgramFormat):
         """``NAME.yaml``; labels of stops are comments."""
         names = dump_texts(program.robot.joint_names)
         near = f"The first stop has {_first_stop(program):g} s from wherever the arm is: see that it is near."
-        lines = (_POINTS_NOTE,) if program.has_lines else ()
-        head = self.comments(*program.head, *((near, *lines) if len(program) > 1 else ()))
+        lines = "Between two points the joints are interpolated: the tool is on its line at the points only."
+        several = (near, lines if program.has_lines else "") if len(program) > 1 else ()
+        head = self.comments(*program.head, *several)
         frame = ["header:", "  stamp: {sec: 0, nanosec: 0}", "  frame_id: ''"]
         if len(program) == 1:
             state = [f"name: {names}", f"position: [{', '.join(program.si[0])}]", "velocity: []", "effort: []"]
@@ -60,13 +53,13 @@ class JointState(ProgramFormat):
         found: list[tuple[float, ...]] = []
         clock = _first_stop(program)
         steps = [float(np.abs(b - a).max()) for a, b in itertools.pairwise(program.q)]
-        full, before = _FULL_JOINT_SPEED * program.speed / 100, None
+        full, before = program.speed / 100, None  # rad/s or m/s of the joint that moves most
         for step, move in zip([0.0, *steps], program.moves, strict=True):
             if move.length is not None:
                 clock += move.length / program.speed_of(move)
             elif found:
                 on_line = move.time is not None and before is not None and move.line
-                clock += move.time - before if on_line else max(step / full, _MIN_INTERVAL_S)  # type: ignore[operator]
+                clock += move.time - before if on_line else max(step / full, 0.1)  # type: ignore[operator]
             before = move.time
             waits = program.wait if move.waits else 0.0
             found.append((clock, clock + waits) if waits else (clock,))
@@ -75,15 +68,11 @@ class JointState(ProgramFormat):
 
 
 def _first_stop(program: RobotProgram) -> float:
-    """Time [s] to the first stop, from wherever the arm is; longer at a lower speed."""
-    return _FIRST_STOP_S * max(1.0, _USUAL_SPEED / program.speed)
+    """Time [s] to the first stop, from wherever the arm is; longer below the usual speed of 10 percent."""
+    return 5.0 * max(1.0, 10.0 / program.speed)
 
 
 def duration(time: float) -> str:
-    """A time [s] as the message writes it.
-
-    >>> duration(1.25)
-    '{sec: 1, nanosec: 250000000}'
-    """
+    """A time [s] as the message writes it."""
     whole = math.floor(time)
     return f"{{sec: {whole}, nanosec: {min(round((time - whole) * 1e9), 999_999_999)}}}"

@@ -22,8 +22,7 @@ from posture_opt.numerics import Array
 from posture_opt.robot.urdf_chain import xyz_rpy
 from posture_opt.units import fixed
 
-_AXES = (*(f"A{k}" for k in range(1, 7)), *(f"E{k}" for k in range(1, 7)))
-_MAX_NAME_LENGTH = 24  # characters of a name in KRL
+# Key words, built-in types and the programs that this one calls.
 _WORDS = """
     ANIN ANOUT AND AXIS B_AND B_EXOR B_NOT B_OR BAS BOOL BRAKE C_DIS C_ORI C_PTP C_SPL C_VEL CASE CAST_FROM
     CAST_TO CCLOSE CHANNEL CHAR CIOCTL CIRC CIRC_REL CONFIRM CONST CONTINUE COPEN CREAD CWRITE DECL DEF DEFAULT
@@ -33,13 +32,10 @@ _WORDS = """
     RETURN SCIRC SEC SIGNAL SLIN SPL SPLINE SPTP STRUC SWITCH SWRITE SREAD THEN TIME_BLOCK TO TRIGGER TRUE UNTIL
     VAR WAIT WHEN WHILE WITH XOR FORWARD FAULT XL
 """
-"""Key words, built-in types and the programs that this one calls."""
 
 
 class Krl(ProgramFormat):
-    """A program of a KUKA controller: ``PTP`` to axis values [deg, mm], exact stops, speed and acceleration in
-    percent.
-    """
+    """A program of a KUKA controller: ``PTP`` to axis values [deg, mm], exact stops, speed in percent."""
 
     summary: ClassVar[str] = "program of a KUKA controller (PTP, LIN, degrees): .src and .dat"
     maker: ClassVar[str] = "KUKA"
@@ -51,14 +47,10 @@ class Krl(ProgramFormat):
     kind: Literal["krl"] = "krl"
 
     def files(self, program: RobotProgram) -> dict[str, str]:
-        """``NAME.src`` and ``NAME.dat``.
-
-        Raises:
-            InputError: a name of more than 24 characters.
-        """
+        """``NAME.src`` and ``NAME.dat``."""
         name = self.stem
-        if len(name) > _MAX_NAME_LENGTH:
-            raise InputError(Issue(f"KRL has names of at most {_MAX_NAME_LENGTH} characters", ("--name",), name))
+        if len(name) > 24:
+            raise InputError(Issue("KRL has names of at most 24 characters", ("--name",), name))
         head = self.comments(*program.head)
         data = ["&ACCESS RVP", f"DEFDAT {name}", *head]
         lines = ["DECL E6POS XL", "DECL INT FAULT"] if program.has_lines else []
@@ -75,22 +67,22 @@ class Krl(ProgramFormat):
         speed = program.line_speed
         for k, (values, label, move) in enumerate(stops, start=1):
             robot = [*(values[j] for j in own), *["0"] * (6 - len(own))]
-            axes = zip(_AXES, [*robot, *(values[j] for j in external)], strict=False)
-            data.append(f"DECL E6AXIS XP{k}={{{', '.join(f'{axis} {value}' for axis, value in axes)}}}")
+            axes = [f"A{i} {value}" for i, value in enumerate(robot, start=1)]
+            axes += [f"E{i} {values[j]}" for i, j in enumerate(external, start=1)]
+            data.append(f"DECL E6AXIS XP{k}={{{', '.join(axes)}}}")
             moves += self.comments(label)
             waits = bool(move.waits and program.wait)
             if move.line and (wanted := program.speed_of(move)) != speed:
                 moves.append(f"$VEL.CP={fixed(wanted, 6)}")
                 speed = wanted
-            moves += _line(f"XP{k}", 0.0 if waits else move.blend) if move.line else [f"PTP XP{k}"]
+            if move.line:
+                moves += [f"XL=FORWARD(XP{k}, FAULT)", "IF FAULT <> 0 THEN", "  HALT", "ENDIF"]
+                rounded = bool(move.blend and not waits)
+                moves += [f"$APO.CDIS={move.blend * 1e3:g}", "LIN XL C_DIS"] if rounded else ["LIN XL"]
+            else:
+                moves.append(f"PTP XP{k}")
             moves += [f"WAIT SEC {seconds(program.wait)}"] if waits else []
         return {f"{name}.src": "\n".join([*moves, "END", ""]), f"{name}.dat": "\n".join([*data, "ENDDAT", ""])}
-
-
-def _line(stop: str, blend: float) -> list[str]:
-    """A straight move of the tool to axis values, its corner rounded within ``blend`` [m]."""
-    pose = [f"XL=FORWARD({stop}, FAULT)", "IF FAULT <> 0 THEN", "  HALT", "ENDIF"]
-    return [*pose, f"$APO.CDIS={blend * 1e3:g}", "LIN XL C_DIS"] if blend else [*pose, "LIN XL"]
 
 
 def _frame(T: Array) -> str:

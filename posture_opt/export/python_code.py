@@ -10,9 +10,8 @@ from collections.abc import Mapping
 from typing import ClassVar, Literal
 
 from posture_opt import __version__
-from posture_opt.export.export_format import Exported, ExportFormat, ExportSource
-from posture_opt.export.objective_note import objective_or_note
-from posture_opt.model.python_source import python_source
+from posture_opt.export.export_format import Exported, ExportFormat, ExportSource, objective_or_note
+from posture_opt.model.c_source import python_source
 from posture_opt.texts import one_line
 from posture_opt.uncertainty.spread.spread_function import spread_expressions
 
@@ -72,11 +71,7 @@ def hessian(q):
 
 
 class PythonCode(ExportFormat):
-    """``NAME.py`` with position, covariance, first_order, and objective, gradient and hessian of the task.
-
-    The expressions are those of the C code. Without a task, or with several targets, the last three are left out and a
-    note says why. ``JOINTS`` are the names of the joints in the order of q.
-    """
+    """``NAME.py`` with position, covariance, first_order, and objective, gradient and hessian of the task."""
 
     summary: ClassVar[str] = "covariance of the tool point, objective, gradient and Hessian as Python, NumPy alone"
     default: ClassVar[str] = "tool_covariance"
@@ -108,5 +103,4 @@ class PythonCode(ExportFormat):
 
 
 def _safe(texts: Mapping[str, str]) -> dict[str, str]:
-    """Texts as a docstring may hold them."""
     return {key: one_line(text).replace("\\", "/").replace('"', "'") for key, text in texts.items()}

@@ -19,10 +19,8 @@ from posture_opt.export.program_format import ProgramFormat, axes_of, seconds
 from posture_opt.export.robot_program import RobotProgram
 from posture_opt.units import fixed
 
-_MAX_NAME_LENGTH = 32  # characters of a name in RAPID
-_ABSENT_AXIS = "9E9"
 _ZONES = {1e-3: "z1", 0.3e-3: "z0"}  # radius [m] -> predefined zone
-_LEAST_MASS_KG = 0.1  # tooldata without a mass is refused
+# Key words, then built-in types and what this program uses of the controller.
 _WORDS = """
     ALIAS AND BACKWARD CASE CONNECT CONST DEFAULT DIV DO ELSE ELSEIF ENDFOR ENDFUNC ENDIF ENDMODULE ENDPROC
     ENDRECORD ENDTEST ENDTRAP ENDWHILE ERROR EXIT FALSE FOR FROM FUNC GOTO IF INOUT LOCAL MOD MODULE NOSTEPIN NOT
@@ -30,7 +28,6 @@ _WORDS = """
     VAR VIEWONLY WHILE WITH XOR BOOL DNUM JOINTTARGET NUM STRING FINE TOOL0 WOBJ0 V1000 MOVEABSJ MOVEL
     CALCROBT TOOLDATA SPEEDDATA VELSET WAITTIME
 """
-"""Key words, then built-in types and what this program uses of the controller."""
 
 
 class Rapid(ProgramFormat):
@@ -46,14 +43,10 @@ class Rapid(ProgramFormat):
     kind: Literal["rapid"] = "rapid"
 
     def files(self, program: RobotProgram) -> dict[str, str]:
-        """``NAME.mod`` with the procedure ``NAME_run``.
-
-        Raises:
-            InputError: a name of more than 28 characters.
-        """
+        """``NAME.mod`` with the procedure ``NAME_run``."""
         name = self.stem
-        if len(name) > _MAX_NAME_LENGTH - 4:
-            raise InputError(Issue(f"RAPID has names of at most {_MAX_NAME_LENGTH} characters", ("--name",), name))
+        if len(name) > 32 - len("_run"):
+            raise InputError(Issue("RAPID has names of at most 32 characters", ("--name",), name))
         data, moves = [], [f"    VelSet {program.speed:g}, 5000;"]
         tool, percent, speed_names = "tool0", program.speed, dict[float, str]()
         if program.has_lines:
@@ -69,7 +62,7 @@ class Rapid(ProgramFormat):
         own, external = axes_of(program.robot)
         for k, (values, label, move) in enumerate(stops, start=1):
             robot = [*(values[j] for j in own), *["0"] * (6 - len(own))]
-            further = [*(values[j] for j in external), *[_ABSENT_AXIS] * 6][:6]
+            further = [*(values[j] for j in external), *["9E9"] * 6][:6]
             target = f"[[{', '.join(robot)}], [{', '.join(further)}]]"
             data.append(f"  CONST jointtarget {name}_p{k} := {target};")
             moves += [f"    {line}" for line in self.comments(label)]
@@ -96,5 +89,5 @@ def _tooldata(program: RobotProgram) -> str:
     x, y, z, w = Rotation.from_matrix(T[:3, :3]).as_quat(canonical=True)
     at = ", ".join(fixed(float(1e3 * v), 6) for v in T[:3, 3])
     turn = ", ".join(fixed(float(v), 9) for v in (w, x, y, z))
-    mass = max(program.payload, _LEAST_MASS_KG)
+    mass = max(program.payload, 0.1)  # tooldata without a mass is refused
     return f"[TRUE, [[{at}], [{turn}]], [{mass:g}, [{at}], [1, 0, 0, 0], 0, 0, 0]]"

@@ -6,24 +6,25 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from posture_opt import __version__
 from posture_opt.errors import NoSolutionError, listed
-from posture_opt.export.arrival_stops import with_arrivals
-from posture_opt.export.arrivals import task_sides
-from posture_opt.export.fixed_pose import fixed_pose
 from posture_opt.export.tool_moves import (
-    DEFAULT_APPROACH_M,
     REDUCED_SPEED,
     Move,
     Stop,
     blocked_legs,
     path_moves,
+    runs,
+    task_sides,
+    with_arrivals,
     with_way,
 )
+from posture_opt.model.chain import fixed_pose
 from posture_opt.numerics import Array
 from posture_opt.robot.posture import joints_at_limits
 from posture_opt.robot.robot import Robot
@@ -32,14 +33,9 @@ from posture_opt.selection.select_posture import Answer
 from posture_opt.selection.tasks.path_task import PathTask
 from posture_opt.uncertainty.spread.joint_digits import JointDigits, joint_digits
 
-CONVENTION = (
-    "Joint values are those of the joints of the model: its zeros and directions.",
-    "Check that the controller counts the same before the first run.",
-)
-
-_FIRST_WAY_NOTE = "The way to the first stop is not checked for collisions: drive it slowly the first time."
-_UNCHECKED_NOTE = "The way from stop to stop is not checked for collisions: drive it slowly the first time."
-_NO_LOAD_NOTE = "No payload is stated: set the load of tool and part in the controller."
+if TYPE_CHECKING:
+    from posture_opt.compensation.compensation import Compensation
+    from posture_opt.experiments.measurement_plan import MeasurementPlan
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,12 +43,8 @@ class RobotProgram:
     """Stops in their order.
 
     Args:
-        title: of the problem; what: the stops are, in a word.
-        robot: whose joints they are of.
         q: (N, n) joint values of the stops [rad or m]; labels: (N,) texts, empty for none.
-        digits: what rounding may cost.
         speed: percent of what the language takes for full; wait: at every stop [s].
-        notes: sentences for the first lines of the program.
         moves: (N,) how each stop is reached.
         line_speed: of the tool point on lines [m/s]; to and from stops it is no faster than at ``speed``.
         payload: mass at the tool point [kg].
@@ -78,7 +70,9 @@ class RobotProgram:
     def head(self) -> tuple[str, ...]:
         """The first lines of the program: title, version, convention of the joints, notes."""
         what = f"{self.title}: {self.what}" if self.title else self.what
-        return (what, f"Written by posture_opt {__version__}.", *CONVENTION, *self.notes)
+        convention = "Joint values are those of the joints of the model: its zeros and directions."
+        check = "Check that the controller counts the same before the first run."
+        return (what, f"Written by posture_opt {__version__}.", convention, check, *self.notes)
 
     @property
     def has_lines(self) -> bool:
@@ -118,11 +112,9 @@ class MotionRequest:
     """What is asked of a program beside its stops.
 
     Args:
-        speed: percent of what the language takes for full; of a path whose task states no speed, of 250 mm/s.
         wait: at every stop [s].
         approach: distance [m] of a point in front of each stop, or of a path, and of one to retract to; None: what
             `default_approach` says.
-        with_breaks: whether a path that is broken is driven in parts.
     """
 
     speed: float = 10.0
@@ -137,21 +129,11 @@ def default_approach(problem: ProblemData) -> float:
     if task is None or not (task.touches or task.on_path):
         return 0.0
     part = 0.0 if task.part is None else task.part.length
-    return max(DEFAULT_APPROACH_M, part + problem.scene.margin)
-
-
-def answer_program(problem: ProblemData, answer: Answer, asked: MotionRequest = MotionRequest()) -> RobotProgram:
-    """The program of an answer that is known, which is not broken: a path on lines, other stops joint by joint."""
-    (program,) = answer_programs(problem, answer, replace(asked, with_breaks=False))
-    return program
+    return max(0.05, part + problem.scene.margin)
 
 
 def answer_programs(problem: ProblemData, answer: Answer, asked: MotionRequest) -> list[RobotProgram]:
-    """The program of an answer, or one of each part of a path that the arm has to leave.
-
-    Raises:
-        NoSolutionError: a broken path that is to be driven in one; a way in against the side of arrival.
-    """
+    """The program of an answer, or one of each part of a path that the arm has to leave."""
     what, answers, labels = _stops(answer)
     on_path, sides = answer.followed is not None, task_sides(problem)
     moves, line_speed = [Move()] * len(answers), REDUCED_SPEED * asked.speed / 100
@@ -165,24 +147,19 @@ def answer_programs(problem: ProblemData, answer: Answer, asked: MotionRequest) 
     ends = [one.step + 1 for one in answer.breaks] if on_path else []
     if ends and not asked.with_breaks:
         broken = listed(f"{one.first} and {one.last}" for one in answer.breaks)
-        raise NoSolutionError(
-            f"no motion leads on between points {broken}: --with-breaks exports the parts of the path"
-        )
+        hint = "--with-breaks exports the parts of the path"
+        raise NoSolutionError(f"no motion leads on between points {broken}: {hint}")
     parts = list(pairwise([0, *ends, len(stops)]))
     one = partial(_program, problem, what, asked=asked, line_speed=line_speed, together=on_path)
-    return [one(stops=_begun(stops[a:b]), backs=backs[a:b]) for a, b in parts]
-
-
-def _begun(stops: list[Stop]) -> list[Stop]:
-    """The stops of a part of a path, its first one driven to joint by joint."""
-    return [stops[0]._replace(move=replace(stops[0].move, line=False)), *stops[1:]]
+    for first, _ in parts:  # driven to joint by joint
+        stops[first] = stops[first]._replace(move=replace(stops[first].move, line=False))
+    return [one(stops=stops[a:b], backs=backs[a:b]) for a, b in parts]
 
 
 def _program(
     problem: ProblemData, what: str, *, stops: Sequence[Stop], backs: Sequence[Array], asked: MotionRequest,
     line_speed: float, together: bool,
 ) -> RobotProgram:  # fmt: skip
-    """The program through stops, each of them or all ``together`` approached and left, from their sides."""
     distance = default_approach(problem) if asked.approach is None else asked.approach
     groups = [range(len(stops))] if together else [range(k, k + 1) for k in range(len(stops))]
     rows, notes = list(stops), list[str]()
@@ -223,24 +200,23 @@ def program_through(
 
 
 def program_of_stops(problem: ProblemData, what: str, stops: Sequence[Stop], asked: MotionRequest) -> RobotProgram:
-    """The program through stops, as they are.
-
-    Values have so many digits that rounding moves the tool point by less than a hundredth of its σ. Notes say what the
-    reports say of the surface that the arm stands on, and which ways between stops are not clear.
-    """
+    """The program through stops, as they are."""
     rows = np.array([stop.q for stop in stops]).reshape(len(stops), problem.robot.n)
     digits, scene = joint_digits(problem, rows), problem.scene
     mounting = [note] if len(rows) and (note := scene.mounting_note(rows)) else []
     why = "as cell: none says" if scene.switched_off else "as no shape is known"
     bare = [f"Not checked for collisions, {why}: {listed(scene.unchecked)}."] if scene.unchecked else []
     blocked = blocked_legs(problem, stops) if scene.active else []
-    way = [_FIRST_WAY_NOTE if scene.active else _UNCHECKED_NOTE] if len(rows) > 1 else []
+    which = "to the first stop" if scene.active else "from stop to stop"
+    slowly = f"The way {which} is not checked for collisions: drive it slowly the first time."
+    way = [slowly] if len(rows) > 1 else []
     way += [f"A straight move of the joints does not keep clear from {listed(blocked)}: add stops on the way."
             for _ in blocked[:1]]  # fmt: skip
     at = joints_at_limits(problem.robot, rows) if len(rows) else []
     limits = [f"At a limit, where controllers seldom let a joint go: {listed(at)}."] if at else []
     carried, moves = float(problem.arm.inputs.payload), tuple(stop.move for stop in stops)
-    load = [] if carried or not any(move.line for move in moves) else [_NO_LOAD_NOTE]
+    no_load = "No payload is stated: set the load of tool and part in the controller."
+    load = [] if carried or not any(move.line for move in moves) else [no_load]
     return RobotProgram(
         problem.name, what, problem.robot, rows, tuple(stop.label for stop in stops), digits, asked.speed, asked.wait,
         (*mounting, *bare, *limits, *way, *load), moves, REDUCED_SPEED * asked.speed / 100, payload=carried,
@@ -248,7 +224,6 @@ def program_of_stops(problem: ProblemData, what: str, stops: Sequence[Stop], ask
 
 
 def _stops(answer: Answer) -> tuple[str, list[Answer], list[str]]:
-    """What the stops are, the answer at each of them, and their labels."""
     if answer.followed is not None:
         labels = np.where(answer.followed.listed, answer.names, "").tolist()
         return "along the path", list(answer.points), labels
@@ -269,10 +244,27 @@ def _way_back(station: Answer) -> Array:
 
 
 def plain(text: str) -> str:
-    """A line of printable ASCII: what controllers read as a comment.
-
-    >>> plain("σ = 0.02°")
-    's = 0.02d'
-    """
+    """A line of printable ASCII: what controllers read as a comment."""
     swapped = text.translate(str.maketrans("–—σ°µ·×", "--sduxx"))
     return "".join(c if " " <= c <= "~" else " " if c.isspace() else "?" for c in swapped)
+
+
+def compensated_program(
+    found: Compensation, speed: float = 10.0, wait: float = 0.0, approach: float | None = None
+) -> RobotProgram:
+    """The program through compensated targets, in their order, each arrived at from the side that it was found for."""
+    problem, labels = found.problem, [f"line {line}" for line in found.targets.line]
+    asked = MotionRequest(speed, wait, approach)
+    sides = np.where(runs(problem) > 0, found.side, 0.0)
+    program = posture_program(problem, "compensated targets", found.q, labels, asked, sides)
+    order = "Keep the order of the stops: from another side the joints arrive elsewhere."
+    return replace(program, notes=(*((order,) if problem.arm.effects else ()), *program.notes))
+
+
+def measuring_program(plan: MeasurementPlan, speed: float = 10.0, wait: float = 2.0) -> RobotProgram:
+    """The program that visits the postures to measure and waits at each, round by round."""
+    labels = [f"posture {k}" for k in range(1, len(plan.q) + 1)]
+    if plan.repeats > 1:
+        labels = [f"{label}, round {n}" for n in range(1, plan.repeats + 1) for label in labels]
+    q = np.tile(plan.q, (plan.repeats, 1))
+    return program_through(plan.problem, "postures to measure", q, labels, speed=speed, wait=wait)

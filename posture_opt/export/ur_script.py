@@ -15,17 +15,15 @@ from scipy.spatial.transform import Rotation
 from posture_opt.errors import InputError, Issue
 from posture_opt.export.program_format import ProgramFormat, seconds
 from posture_opt.export.robot_program import RobotProgram
-from posture_opt.numerics import Array
 from posture_opt.units import fixed
 
 _SPEED, _ACCELERATION = 1.05, 1.4  # rad/s, rad/s²: the defaults of movej
-_LINE_ACCELERATION = 1.2  # m/s²: the default of movel
+# Key words, then functions of the controller that a program of their name would replace.
 _WORDS = """
     and break case continue def default elif else end enter_critical exit_critical False for global halt if in is
     join kill local mod not or pass return run sec struct switch thread True while xor movej movel movep movec
     servoj sleep textmsg popup sync
 """
-"""Key words, then functions of the controller that a program of their name would replace."""
 
 
 class UrScript(ProgramFormat):
@@ -49,7 +47,9 @@ class UrScript(ProgramFormat):
             raise InputError(Issue(message, ("--to",), self.kind, "use --to jointstate"))
         share = program.speed / 100
         lines = [*self.comments(*program.head), f"def {self.stem}():"]
-        lines += [f"  set_tcp({_tcp(program.tool)})"] if program.has_lines else []
+        if program.has_lines:  # p[x, y, z, rx, ry, rz], in m and a rotation vector in rad
+            frame = (*program.tool[:3, 3], *Rotation.from_matrix(program.tool[:3, :3]).as_rotvec())
+            lines.append(f"  set_tcp(p[{', '.join(fixed(float(v), 9) for v in frame)}])")
         centre = ", ".join(fixed(float(v), 6) for v in program.tool[:3, 3])
         lines += [f"  set_payload({program.payload:g}, [{centre}])"] if program.payload else []
         turning = f"a={_ACCELERATION * share:.4g}, v={_SPEED * share:.4g}"
@@ -58,15 +58,9 @@ class UrScript(ProgramFormat):
             joints_text, waits = ", ".join(values), move.waits and program.wait
             corner = f", r={move.blend:g}" if move.blend and not waits else ""
             lines += [
-                f"  movel([{joints_text}], a={_LINE_ACCELERATION:g}, v={program.speed_of(move):.4g}{corner})"
+                f"  movel([{joints_text}], a=1.2, v={program.speed_of(move):.4g}{corner})"
                 if move.line
                 else f"  movej([{joints_text}], {turning})"
             ]
             lines += [f"  sleep({seconds(program.wait)})"] if waits else []
         return {f"{self.stem}.script": "\n".join([*lines, "end", ""])}
-
-
-def _tcp(T: Array) -> str:
-    """The pose (4, 4) [m] as URScript has it: ``p[x, y, z, rx, ry, rz]``, in m and a rotation vector in rad."""
-    turn = Rotation.from_matrix(T[:3, :3]).as_rotvec()
-    return f"p[{', '.join(fixed(float(v), 9) for v in (*T[:3, 3], *turn))}]"

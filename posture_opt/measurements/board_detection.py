@@ -13,47 +13,35 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from posture_opt.csv_text import csv_line, unguarded
 from posture_opt.errors import BadValueError, InputError, InsufficientDataError, Issue, one_of
 from posture_opt.files import content, naming
 from posture_opt.limits import MOST_BOARD_POINTS, MOST_PIXELS
 from posture_opt.measurements.camera_section import CharucoSpec, GridSpec
 from posture_opt.measurements.table import open_table
 from posture_opt.numerics import Array, Codes
+from posture_opt.texts import csv_line, unguarded
 from posture_opt.units import parse_quantity
 
-INSTALL = "pip install 'posture_opt[camera]'"
-"""What brings OpenCV."""
+INSTALL = "pip install 'posture_opt[camera]'"  # What brings OpenCV
 EXAMPLES = "chessboard:8x6:25mm, charuco:5x7:30mm:22mm or grid:8x6:25mm"
-DICTIONARY = "5X5_1000"
-"""Of ArUco marks, where none is named."""
-_MAX_BYTES = 200_000_000
+DICTIONARY = "5X5_1000"  # Of ArUco marks, where none is named
 _IMAGE_COLUMN = "image"
 
 
 @dataclass(frozen=True)
 class Board:
-    """A board that pictures show.
+    """A board that pictures show."""
 
-    Args:
-        kind: ``chessboard`` (inner corners), ``charuco`` (squares) or ``grid`` (circles), as in the problem file.
-        columns, rows: how many; square: side or distance [m]; mark: side of an ArUco mark [m]; dictionary: of marks.
-    """
-
-    kind: str
+    kind: str  # ``chessboard`` (inner corners), ``charuco`` (squares) or ``grid`` (circles), as in the problem file
+    # columns, rows: how many
     columns: int
     rows: int
-    square: float
-    mark: float = 0.0
-    dictionary: str = DICTIONARY
+    square: float  # side or distance [m]
+    mark: float = 0.0  # side of an ArUco mark [m]
+    dictionary: str = DICTIONARY  # of marks
 
     @classmethod
     def of(cls, text: str, dictionary: str = DICTIONARY) -> Board:
-        """From ``charuco:5x7:30mm:22mm``: kind, columns x rows, side of a square, side of a mark.
-
-        Raises:
-            BadValueError: anything else.
-        """
         kind, *parts = text.split(":")
         if kind not in _FINDERS or len(parts) != (3 if kind == "charuco" else 2):
             raise BadValueError(f"'{text}' is no board", f"write for example {EXAMPLES}")
@@ -70,19 +58,13 @@ class Board:
         return cls(kind, columns, rows, lengths[0], lengths[1] if len(lengths) > 1 else 0.0, dictionary)
 
     def found_in(self, picture: Array) -> tuple[Codes, Array]:
-        """(n,) numbers and (n, 2) pixels of the points that a grey picture shows; none where the board is not found.
-
-        The centre of the first pixel is (0, 0), as in OpenCV.
-        """
+        """(n,) numbers and (n, 2) pixels of the points that a grey picture shows; none where the board is not found."""
+        # The centre of the first pixel is (0, 0), as in OpenCV
         return _FINDERS[self.kind](opencv(), picture, self)
 
 
 def opencv() -> Any:
-    """The module ``cv2``.
-
-    Raises:
-        InputError: it is not installed.
-    """
+    """The module ``cv2``."""
     try:
         return import_module("cv2")
     except ImportError:
@@ -90,24 +72,19 @@ def opencv() -> Any:
         raise InputError(Issue(message, hint=f"install it: {INSTALL}")) from None
 
 
-def _chessboard(cv2: Any, picture: Array, board: Board) -> tuple[Codes, Array]:
-    """Inner corners, all or none."""
-    flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
-    found, corners = cv2.findChessboardCornersSB(picture, (board.columns, board.rows), flags=flags)
-    return _all_or_none(found, corners)
-
-
-def _circles(cv2: Any, picture: Array, board: Board) -> tuple[Codes, Array]:
-    """Centres of circles, all or none."""
-    return _all_or_none(*cv2.findCirclesGrid(picture, (board.columns, board.rows)))
+def _regular(cv2: Any, picture: Array, board: Board) -> tuple[Codes, Array]:
+    """Inner corners of a chessboard, or centres of circles, counted row by row: all or none."""
+    size = board.columns, board.rows
+    if board.kind == "chessboard":
+        flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
+        found, corners = cv2.findChessboardCornersSB(picture, size, flags=flags)
+    else:
+        found, corners = cv2.findCirclesGrid(picture, size)
+    points = np.asarray(corners, dtype=float).reshape(-1, 2) if found else np.zeros((0, 2))
+    return np.arange(len(points)), points
 
 
 def _charuco(cv2: Any, picture: Array, board: Board) -> tuple[Codes, Array]:
-    """Inner corners that are seen, by their numbers.
-
-    Raises:
-        BadValueError: OpenCV has no such dictionary.
-    """
     name = f"DICT_{board.dictionary.upper().removeprefix('DICT_')}"
     if not hasattr(cv2.aruco, name):
         known = [key.removeprefix("DICT_") for key in dir(cv2.aruco) if key.startswith("DICT_")]
@@ -120,29 +97,19 @@ def _charuco(cv2: Any, picture: Array, board: Board) -> tuple[Codes, Array]:
     printed = cv2.aruco.CharucoBoard((board.columns, board.rows), board.square, board.mark, marks)
     corners, numbers, _, _ = cv2.aruco.CharucoDetector(printed).detectBoard(picture)
     if numbers is None or not len(numbers):
-        return _all_or_none(False, None)
+        return np.zeros(0, dtype=np.intp), np.zeros((0, 2))
     return np.asarray(numbers, dtype=np.intp).ravel(), np.asarray(corners, dtype=float).reshape(-1, 2)
 
 
-def _all_or_none(found: bool, corners: Any) -> tuple[Codes, Array]:
-    """Points counted row by row, or none."""
-    points = np.asarray(corners, dtype=float).reshape(-1, 2) if found else np.zeros((0, 2))
-    return np.arange(len(points)), points
-
-
-_FINDERS = {"chessboard": _chessboard, "charuco": _charuco, "grid": _circles}
+_FINDERS = {"chessboard": _regular, "charuco": _charuco, "grid": _regular}
 
 
 @dataclass(frozen=True)
 class Detections:
-    """A table of measurements from pictures.
+    """A table of measurements from pictures."""
 
-    Args:
-        text: CSV; found: picture -> how many points; rows: all of them.
-    """
-
-    text: str
-    found: Mapping[str, int]
+    text: str  # CSV
+    found: Mapping[str, int]  # picture -> how many points; rows: all of them
 
     @property
     def rows(self) -> int:
@@ -151,16 +118,7 @@ class Detections:
 
 
 def detect_board(images: Sequence[Path], board: Board, joints: Path, camera: str, name: str = "board") -> Detections:
-    """The pixels of a board's points in pictures, each with the joints that a table names for its picture.
-
-    Args:
-        joints: CSV file with a column ``image`` and those of the joints; its further columns are kept.
-        camera: name in the column ``camera``; name: of the board, before the numbers of its points.
-
-    Raises:
-        InputError: OpenCV is missing, a picture cannot be read, or the table does not name it.
-        InsufficientDataError: no picture shows the board.
-    """
+    """The pixels of a board's points in pictures, each with the joints that a table names for its picture."""
     titles, postures = _postures(joints)
     opencv()
     _check_names([image.name for image in images], postures, joints)
@@ -179,7 +137,6 @@ def detect_board(images: Sequence[Path], board: Board, joints: Path, camera: str
 
 
 def _check_names(names: Sequence[str], known: Container[str], joints: Path) -> None:
-    """Refuses pictures without a row in the table ``joints``, which has those ``known``, and several of one name."""
     issues = [
         Issue(f"no row is of the picture {name}", ("column image",), name, "add one", str(joints))
         for name in names
@@ -195,20 +152,15 @@ def _check_names(names: Sequence[str], known: Container[str], joints: Path) -> N
 
 
 def _picture(image: Path) -> Array:
-    """The grey values of a picture in a file."""
     try:
-        data = content(image, _MAX_BYTES)
+        data = content(image, 200_000_000)
     except InputError as error:
         raise naming(image, error) from None
     return picture_of(data, image)
 
 
 def picture_of(data: bytes, image: Path) -> Array:
-    """The grey values (height, width) of a picture; ``image`` names it in errors.
-
-    Raises:
-        InputError: no picture, or too many pixels.
-    """
+    """The grey values (height, width) of a picture; ``image`` names it in errors."""
     _check_size(image, data)
     cv2 = opencv()
     found: Any = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_GRAYSCALE)
@@ -218,11 +170,6 @@ def picture_of(data: bytes, image: Path) -> Array:
 
 
 def _check_size(image: Path, data: bytes) -> None:
-    """Refuses a picture by its header: a small file may unpack to more than the memory holds.
-
-    Raises:
-        InputError: no picture, or too many pixels.
-    """
     try:
         with Image.open(BytesIO(data)) as picture:
             width, height = picture.size
@@ -239,11 +186,6 @@ def _no_picture(image: Path) -> InputError:
 
 
 def _postures(path: Path) -> tuple[list[str], dict[str, list[str]]]:
-    """The column headers but that of the pictures, and for every picture its cells.
-
-    Raises:
-        InputError: no such file, no column ``image``, or a picture twice.
-    """
     raw = open_table(path, (_IMAGE_COLUMN,))
     if _IMAGE_COLUMN not in raw.titles:
         raw.faults.stop(f"there is no column {_IMAGE_COLUMN}", "image, joint1 [deg], joint2 [deg], …", raw.line)

@@ -1,82 +1,136 @@
-"""Columns of a table and their cells, as numbers and codes."""
+"""Columns of a table and their cells: numbers with any marks, names, sides."""
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import islice
 from typing import Any, Literal
 
 import numpy as np
 
-from posture_opt.csv_text import unguarded
 from posture_opt.errors import BadValueError
 from posture_opt.limits import MOST_CELLS
 from posture_opt.measurements.data_section import DataSpec
-from posture_opt.measurements.faults import Faults
 from posture_opt.measurements.kinds import KINDS
-from posture_opt.measurements.kinds.pose_columns import ORIENTATIONS
+from posture_opt.measurements.kinds.pose import ORIENTATIONS
 from posture_opt.measurements.kinds.position import COORDINATES
-from posture_opt.measurements.number_text import NumberText
-from posture_opt.measurements.table import RowBlock
+from posture_opt.measurements.table import Faults, RowBlock
 from posture_opt.numerics import Array, Codes
 from posture_opt.robot.robot import Robot
-from posture_opt.texts import text_fault
+from posture_opt.texts import text_fault, unguarded
 
-AXES = COORDINATES
-"""Columns of the measured tool point."""
+_MARKED_NUMBER = re.compile(r"[-+]?[\d.,]*[.,][\d.,]*(?:[eE][-+]?\d+)?")  # A number with points or commas in it
+# A number with blanks or apostrophes between groups of three digits
+_SPACED_NUMBER = re.compile(r"[-+]?\d{1,3}(?:['’ \u00a0\u202f]\d{3})+(?:[.,]\d*)?")
+
+
+def _grouped_digits(mark: str) -> re.Pattern[str]:
+    return re.compile(rf"[-+]?[1-9]\d{{0,2}}(?:{re.escape(mark)}\d{{3}})+")
+
+
+@dataclass(frozen=True)
+class NumberText:
+    """The decimal mark of a file, and the mark between thousands where it has one."""
+
+    decimal: str = "."
+    thousands: str = ""
+
+    @classmethod
+    def of(cls, cells: Iterable[str], decimal: str | None, thousands: str | None) -> NumberText:
+        if decimal is not None:
+            return cls(decimal, thousands or "")
+        if thousands in (".", ","):
+            return cls("," if thousands == "." else ".", thousands)
+        sample = islice(cells, 2000)  # a file that changes its marks later has faults there
+        marked = [text for cell in sample if _MARKED_NUMBER.fullmatch(text := cell.strip())]
+        if not any("," in text for text in marked):
+            return cls(".", thousands or "")
+        return _by_commas(marked)
+
+    @property
+    def plain(self) -> bool:
+        """Whether numbers are written as programs write them."""
+        return self.decimal == "." and not self.thousands
+
+    def to_plain(self, text: str) -> str:
+        """The number as programs write it; the text itself where it is none in these marks."""
+        text = text.strip()
+        if _SPACED_NUMBER.fullmatch(text):
+            text = re.sub(r"['’ \u00a0\u202f]", "", text)
+        if self.thousands and self.thousands in text:
+            whole, mark, rest = text.partition(self.decimal)
+            if not _grouped_digits(self.thousands).fullmatch(whole):
+                return text
+            text = whole.replace(self.thousands, "") + mark + rest
+        return text.replace(",", ".") if self.decimal == "," and "." not in text else text
+
+
+def _by_commas(marked: list[str]) -> NumberText:
+    both = [text for text in marked if "," in text and "." in text]
+    if both:
+        last = {"," if text.rfind(",") > text.rfind(".") else "." for text in both}
+        if len(last) > 1:
+            raise _ambiguous_marks(both[0], "points and commas mean different things in different rows")
+        decimal = last.pop()
+        return NumberText(decimal, "." if decimal == "," else ",")
+    commas, points = [t for t in marked if "," in t], [t for t in marked if "." in t]
+    fractions = [text for text in commas if not _grouped_digits(",").fullmatch(text)]
+    broken = [text for text in points if not _grouped_digits(".").fullmatch(text)]
+    if fractions and broken:
+        raise _ambiguous_marks(broken[0], f"{fractions[0]} has a decimal comma, {broken[0]} a decimal point")
+    if fractions:
+        return NumberText(",")
+    if broken:
+        return NumberText(".", ",")
+    raise _ambiguous_marks(
+        commas[0], f"{commas[0]} may be {commas[0].replace(',', '.')} or {commas[0].replace(',', '')}"
+    )
+
+
+def _ambiguous_marks(text: str, why: str) -> BadValueError:
+    return BadValueError(why, "say in the problem file which it is: data: {decimal: ','} or data: {decimal: '.'}")
+
+
+AXES = COORDINATES  # Columns of the measured tool point
 _NAMES_OF_KINDS = tuple(name for kind in KINDS for name in (kind.label, kind.second_label) if name)
-LABELS = ("pose", "goal", "target", "robot", "instrument", *_NAMES_OF_KINDS)
-"""Columns whose cells name groups of rows."""
+LABELS = ("pose", "goal", "target", "robot", "instrument", *_NAMES_OF_KINDS)  # Columns whose cells name groups of rows
+# Column -> its least value [kg, degC], what is wrong below, and how to fix it
 LEAST_INPUTS: dict[str, tuple[float, str, str]] = {
     "payload": (0.0, "a payload is not negative", "write 0 or more"),
     "temperature": (-273.15, "a temperature is not below absolute zero", "is the unit of the column right?"),
 }
-"""Column -> its least value [kg, degC], what is wrong below, and how to fix it."""
 
-CellKind = Literal["number", "label", "side"]
-"""A number with a unit, a name, or a side of approach (−1, +1 or nothing)."""
-_MAX_MAGNITUDE = 1e15
-"""Largest number of a cell, in its unit and in SI units; squares of larger ones leave the range of floats."""
+CellKind = Literal["number", "label", "side"]  # A number with a unit, a name, or a side of approach (−1, +1 or nothing)
+_MAX_MAGNITUDE = 1e15  # of a cell, in its unit and in SI units; squares of larger ones leave the range of floats
 
 
 @dataclass(frozen=True)
 class Column:
-    """One column: a value is ``factor * cell + offset``, in SI units, radians or degC.
+    """One column: a value is ``factor * cell + offset``, in SI units, radians or degC."""
 
-    Args:
-        name: the known name of the column, without its unit.
-        index: place in the row, from 0.
-        kind: how its cells are read.
-        factor, offset: from the unit of the column.
-        unit: as written.
-    """
-
-    name: str
-    index: int
-    kind: CellKind
+    name: str  # the known name of the column, without its unit
+    index: int  # place in the row, from 0
+    kind: CellKind  # how its cells are read
+    # factor, offset: from the unit of the column
     factor: float = 1.0
     offset: float = 0.0
-    unit: str = ""
+    unit: str = ""  # as written
 
 
 @dataclass
 class Cells:
-    """The columns read so far, block by block.
+    """The columns read so far, block by block."""
 
-    Args:
-        lines: of each block the line of every row.
-        numbers: column -> of each block (N,) values in SI units, radians or degC.
-        codes: column -> of each block (N,) codes, counted in the order of first appearance.
-        texts: column -> text -> its code.
-        marks: how its numbers are written.
-    """
-
-    lines: list[Codes] = field(default_factory=list)
+    lines: list[Codes] = field(default_factory=list)  # of each block the line of every row
+    # column -> of each block (N,) values in SI units, radians or degC
     numbers: dict[str, list[Array]] = field(default_factory=dict)
+    # column -> of each block (N,) codes, counted in the order of first appearance
     codes: dict[str, list[Codes]] = field(default_factory=dict)
-    texts: dict[str, dict[str, int]] = field(default_factory=dict)
-    marks: NumberText = field(default_factory=NumberText)
+    texts: dict[str, dict[str, int]] = field(default_factory=dict)  # column -> text -> its code
+    marks: NumberText = field(default_factory=NumberText)  # how its numbers are written
 
     @property
     def line(self) -> Codes:
@@ -87,9 +141,15 @@ class Cells:
         """(N,) the values of a column in SI units; ``None`` where there is none."""
         return np.concatenate(self.numbers[name]) if name in self.numbers else None
 
-    def code(self, name: str) -> tuple[Codes, tuple[str, ...]] | None:
-        """(N,) codes in the order of first appearance, and their texts; ``None`` where there is no such column."""
-        return (np.concatenate(self.codes[name]), tuple(self.texts[name])) if name in self.codes else None
+    def present(self, name: str) -> Array:
+        """(N,) the values of a column that the header was checked for, in SI units; NaN where a cell is empty."""
+        return np.concatenate(self.numbers[name])
+
+    def code(self, name: str) -> tuple[Codes, tuple[str, ...]]:
+        """(N,) codes in the order of first appearance, and their texts; zeros and none where no such column is."""
+        if name not in self.codes:
+            return np.zeros(len(self.line), dtype=np.intp), ()
+        return np.concatenate(self.codes[name]), tuple(self.texts[name])
 
 
 def read_cells(
@@ -99,18 +159,7 @@ def read_cells(
     spec: DataSpec | None = None,
     joints: Iterable[str] = (),
 ) -> Cells:
-    """All rows of the known columns; cells that cannot be used join ``faults``, each with its line.
-
-    Args:
-        blocks: the rows, run through once.
-        columns: which columns to read, and how.
-        faults: of the file.
-        spec: may state decimal mark and mark of thousands; else the first rows decide.
-        joints: their columns are of every row, whatever their names.
-
-    Raises:
-        InputError: more cells than are accepted.
-    """
+    """All rows of the known columns; cells that cannot be used join ``faults``, each with its line."""
     cells, known, marks, count = Cells(), list(columns), None, 0
     own = columns_of_kinds(spec or DataSpec()) - {*joints}
     for block in blocks:
@@ -136,11 +185,7 @@ def read_cells(
 def without_unmeasured(
     blocks: Iterable[RowBlock], columns: dict[str, Column], own: set[str], left_out: list[int]
 ) -> Iterator[RowBlock]:
-    """The blocks without rows of which nothing was measured, as of a hidden marker; their lines join ``left_out``.
-
-    Args:
-        columns: of the file; own: those of numbers that hold what was measured.
-    """
+    """The blocks without rows of which nothing was measured, as of a hidden marker; their lines join ``left_out``."""
     measured = [c.index for name, c in columns.items() if name in own and c.kind == "number"]
     for block in blocks:
         texts = [block.cells[i] for i in measured]
@@ -162,33 +207,22 @@ def columns_of_kinds(spec: DataSpec) -> set[str]:
 
 def check_inputs(cells: Cells, robot: Robot, faults: Faults) -> None:
     """A fault for each payload and temperature that nothing can have, by `LEAST_INPUTS` and the mass of the arm."""
-    payload = cells.number("payload")
-    payload = np.zeros(0) if payload is None else payload
+    inputs = {name: values for name in LEAST_INPUTS if (values := cells.number(name)) is not None}
+    payload = inputs.get("payload", np.zeros(0))
     for row in np.flatnonzero(payload > robot.most_payload):
         message, hint = f"no arm like this one carries {payload[row]:g} kg", "is the unit of the column right?"
         faults.add(message, "payload", payload[row], hint, int(cells.line[row]))
-    for name, (least, message, hint) in LEAST_INPUTS.items():
-        values = cells.number(name)
-        if values is not None:
-            for row in np.flatnonzero(values < least):
-                faults.add(message, name, values[row], hint, int(cells.line[row]))
+    for name, values in inputs.items():
+        least, message, hint = LEAST_INPUTS[name]
+        for row in np.flatnonzero(values < least):
+            faults.add(message, name, values[row], hint, int(cells.line[row]))
 
 
 def _number_marks(block: RowBlock, columns: Sequence[Column], faults: Faults, spec: DataSpec) -> NumberText:
-    """How numbers are written, by the cells of the first rows.
-
-    Raises:
-        InputError: they could be read in two ways.
-    """
-
-    def texts() -> Iterator[str]:
-        for column in columns:
-            cells = block.cells[column.index]
-            if column.kind != "label" and not isinstance(cells, np.ndarray):
-                yield from cells
-
+    numbers = (block.cells[column.index] for column in columns if column.kind != "label")
+    texts = (text for cells in numbers if not isinstance(cells, np.ndarray) for text in cells)
     try:
-        return NumberText.of(texts(), spec.decimal, spec.thousands)
+        return NumberText.of(texts, spec.decimal, spec.thousands)
     except BadValueError as error:
         faults.stop(error.message, error.hint)
 
@@ -197,10 +231,7 @@ def _label_codes(
     texts: Sequence[Any], lines: Sequence[int], column: Column, names: dict[str, int], faults: Faults,
     sparse: bool = False,
 ) -> Codes:  # fmt: skip
-    """(N,) codes of the words of a column; an empty cell is a fault, unless the column is ``sparse``.
-
-    ``names`` gains the words that are new.
-    """
+    """(N,) codes of the words of a column; an empty cell is a fault, unless the column is ``sparse``."""
     words = [unguarded(_cell_text(text)) for text in texts]
     for word, line in zip(words, lines, strict=True) if "" in words and not sparse else ():
         if not word:
@@ -212,7 +243,6 @@ def _label_codes(
 
 
 def _cell_text(cell: Any) -> str:
-    """A cell as text without blanks around it; a float that is whole without its ``.0``, NaN as an empty text."""
     if isinstance(cell, str):
         return cell.strip()
     if isinstance(cell, float | np.floating):
@@ -223,18 +253,12 @@ def _cell_text(cell: Any) -> str:
 def _column_numbers(
     given: Sequence[Any], lines: Sequence[int], column: Column, marks: NumberText, faults: Faults, sparse: bool = False
 ) -> Array:
-    """(N,) floats in the unit of the column; NaN in a column of sides, or a ``sparse`` one: the row does not say.
-
-    All cells are converted at once; only those that fail are looked at one by one.
-    """
+    """(N,) floats in the unit of the column; NaN in a column of sides, or a ``sparse`` one: the row does not say."""
     optional = column.kind == "side"
     texts = given if marks.plain or isinstance(given, np.ndarray) else [marks.to_plain(text) for text in given]
     try:
-        if not isinstance(texts, np.ndarray) and "_" in "".join(texts):  # float() would take 1_0 for ten
-            raise ValueError
-        kind = texts.dtype.kind if isinstance(texts, np.ndarray) else "U"
-        if kind not in "fiuU":
-            raise ValueError
+        if texts.dtype.kind not in "fiuU" if isinstance(texts, np.ndarray) else "_" in "".join(texts):
+            raise ValueError  # float() would take 1_0 for ten
         values = np.fromiter(map(float, texts), dtype=float, count=len(texts))
     except (ValueError, TypeError):
         values = np.full(len(texts), math.nan)
@@ -251,7 +275,6 @@ def _column_numbers(
 
 
 def _cell_number(cell: Any, line: int, column: Column, optional: bool, marks: NumberText, faults: Faults) -> float:
-    """The number in one cell, found the slow way; 0 with a fault where there is none, NaN in a column of sides."""
     text = _cell_text(cell)
     if not text or (optional and text.lower() == "nan"):
         if not optional:
@@ -267,20 +290,14 @@ def _cell_number(cell: Any, line: int, column: Column, optional: bool, marks: Nu
         message = f"{text[:40]} is {'larger than anything measured' if math.isfinite(value) else 'not a finite number'}"
     except ValueError:
         message = f"'{text[:40]}' is not a number"
-    hint = "leave out the row"
     if optional:  # a side
         faults.add(f"'{text[:40]}' is no side", column.name, cell, "write 1 or -1", line)
         return math.nan
-    if text[:1].isdigit() or text[:1] in "+-.":
-        hint = _mark_hint(text, marks)
+    hint = "leave out the row"
+    if (text[:1].isdigit() or text[:1] in "+-.") and "." in text and marks.decimal == ",":
+        hint = "write a decimal comma as in the other rows, or say data: {thousands: '.'} in the problem file"
+    elif text[:1].isdigit() or text[:1] in "+-.":
+        plain = "the unit is in the header, the cell is a plain number"
+        hint = "write a decimal point" if "," in text else plain
     faults.add(message, column.name, cell, hint, line)
     return 0.0
-
-
-def _mark_hint(text: str, marks: NumberText) -> str:
-    """What to write in place of a text that begins like a number."""
-    if "." in text and marks.decimal == ",":
-        return "write a decimal comma as in the other rows, or say data: {thousands: '.'} in the problem file"
-    if "," in text:
-        return "write a decimal point"
-    return "the unit is in the header, the cell is a plain number"

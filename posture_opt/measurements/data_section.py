@@ -12,8 +12,8 @@ from posture_opt.measurements.kinds import AnchorSpec, PairSpec, PlaneSpec
 from posture_opt.spec import Spec
 from posture_opt.units import JointValue, Length
 
+# Two touched points and their known distance [m]
 Distance = Annotated[tuple[str, str, Length], Field(examples=[["front/0", "front/1", "50 mm"]])]
-"""Two touched points and their known distance [m]."""
 ColumnHeader = Annotated[str | Annotated[int, Field(ge=1)], Field(examples=["Pos X [mm]"])]
 
 
@@ -69,11 +69,6 @@ class DataSpec(Spec):
     @field_validator("distances")
     @classmethod
     def _between_two_points(cls, distances: tuple[tuple[str, str, float], ...]) -> tuple[tuple[str, str, float], ...]:
-        """The distances as they are.
-
-        Raises:
-            BadValueError: a point with itself, a distance that is not positive, or a pair twice.
-        """
         seen: set[frozenset[str]] = set()
         for a, b, length in distances:
             if a == b:
@@ -88,11 +83,6 @@ class DataSpec(Spec):
     @field_validator("columns")
     @classmethod
     def _each_header_once(cls, columns: dict[str, str | int]) -> dict[str, str | int]:
-        """The mapping as it is.
-
-        Raises:
-            BadValueError: two known columns under one header.
-        """
         titles = list(columns.values())
         for name, title in columns.items():
             if titles.count(title) > 1:
@@ -101,11 +91,6 @@ class DataSpec(Spec):
 
     @model_validator(mode="after")
     def _two_marks(self) -> DataSpec:
-        """The section as it is.
-
-        Raises:
-            BadValueError: decimal mark and mark of thousands are the same.
-        """
         if self.decimal is not None and self.decimal == self.thousands:
             raise BadValueError(f"'{self.decimal}' cannot be both decimal mark and mark of thousands", "keep one")
         return self

@@ -10,18 +10,23 @@ from difflib import get_close_matches
 from posture_opt.errors import BadValueError, Issue, listed, nearest, one_of
 from posture_opt.measurements.columns import AXES, LABELS, CellKind, Column
 from posture_opt.measurements.data_section import DataSpec
-from posture_opt.measurements.faults import Faults
 from posture_opt.measurements.kinds import KINDS, Position
-from posture_opt.measurements.kinds.pose_columns import ORIENTATION_GROUPS
+from posture_opt.measurements.kinds.pose import ORIENTATION_GROUPS
 from posture_opt.measurements.layout import BRACKETED_HEADER, ROUND_HEADER
-from posture_opt.measurements.orientation_columns import angle_columns, incomplete_orientation, number_columns
+from posture_opt.measurements.orientation_columns import (
+    incomplete_orientation,
+    orientation_names,
+    turned_joints_of,
+)
+from posture_opt.measurements.table import Faults
 from posture_opt.robot.robot import Robot
 from posture_opt.units import DIMENSIONS, parse_quantity
 
+# Columns of inputs of effects, with their dimension
 _INPUT_DIMENSIONS = {"payload": "mass", "temperature": "temperature", "time": "time"}
-"""Columns of inputs of effects, with their dimension."""
+# Dimension -> the unit that messages suggest
 _USUAL_UNITS = {"angle": "deg", "length": "mm", "mass": "kg", "temperature": "degC", "time": "s", "pixel": "px"}
-"""Dimension -> the unit that messages suggest."""
+# Units that instruments spell out, without a plural s
 _UNIT_ABBREVIATIONS = {
     "second": "s",
     "meter": "m",
@@ -30,17 +35,11 @@ _UNIT_ABBREVIATIONS = {
     "radian": "rad",
     "kilogram": "kg",
 }
-"""Units that instruments spell out, without a plural s."""
+# Unit of temperature -> what is added to a value to have degC
 _CELSIUS_OFFSETS = {"degC": 0.0, "°C": 0.0, "K": -273.15}
-"""Unit of temperature -> what is added to a value to have degC."""
-_RATES = {"velocity", "effort", "acceleration", "current", "torque"}
-"""Words of headers of logs that hold no position."""
-_SEVERAL_MARKERS = re.compile(r"[xyz][ _.]?(\d+)\b", re.IGNORECASE)
-"""A coordinate with the number of its marker."""
-_MISTYPED_LIKENESS = 0.8
-"""Likeness (difflib's ratio) from which a column of a foreign file is a known one with a slip."""
-_MAX_LISTED_COLUMNS = 20
-"""Columns of a foreign file that a message lists."""
+_RATES = {"velocity", "effort", "acceleration", "current", "torque"}  # Words of headers of logs that hold no position
+_SEVERAL_MARKERS = re.compile(r"[xyz][ _.]?(\d+)\b", re.IGNORECASE)  # A coordinate with the number of its marker
+_MAX_LISTED_COLUMNS = 20  # Columns of a foreign file that a message lists
 
 
 def column_dimensions(robot: Robot, spec: DataSpec) -> dict[str, str]:
@@ -48,7 +47,7 @@ def column_dimensions(robot: Robot, spec: DataSpec) -> dict[str, str]:
     joints = {joint.name: "angle" if joint.type == "revolute" else "length" for joint in robot.joints}
     return {
         **Position.columns_in(spec),
-        **dict.fromkeys(angle_columns(robot), "angle"),
+        **dict.fromkeys(orientation_names(robot, angles=True), "angle"),
         **{name: dimension for kind in KINDS for name, dimension in kind.columns_in(spec).items()},
         **_INPUT_DIMENSIONS,
         **joints,
@@ -57,56 +56,45 @@ def column_dimensions(robot: Robot, spec: DataSpec) -> dict[str, str]:
 
 def column_kinds(robot: Robot, spec: DataSpec | None = None) -> dict[str, CellKind]:
     """Every column that a file of this robot may have, with how its cells are read."""
-    kinds: dict[str, CellKind] = dict.fromkeys(
-        (*column_dimensions(robot, spec or DataSpec()), *number_columns(robot)), "number"
-    )
-    kinds |= dict.fromkeys(LABELS, "label")
-    return kinds | {f"{name}.approach": "side" for name in robot.joint_names}
+    numbers = (*column_dimensions(robot, spec or DataSpec()), *orientation_names(robot, angles=False))
+    sides = (f"{name}.approach" for name in robot.joint_names)
+    return {**dict.fromkeys(numbers, "number"), **dict.fromkeys(LABELS, "label"), **dict.fromkeys(sides, "side")}
 
 
 def data_issues(spec: DataSpec, robot: Robot) -> list[Issue]:
     """Columns that the section ``data`` speaks of and that no file of this robot has; keys relative to the section."""
     known = column_kinds(robot, spec)
-    return [
+    issues = [
         Issue("no file of this robot has such a column", (key, name), name, one_of(name, known, "known"))
         for key, given in (("columns", spec.columns), ("units", spec.units))
         for name in given
         if name not in known
-    ] + [
-        issue
-        for key, named in (("joint_zeros", spec.joint_zeros), ("joint_signs", spec.joint_signs))
-        for name in named
-        if (issue := _joint_issue(key, name, spec, robot)) is not None
     ]
-
-
-def _joint_issue(key: str, name: str, spec: DataSpec, robot: Robot) -> Issue | None:
-    """What is wrong with the zero or the sign of a joint; None where nothing is."""
-    if name not in robot.joint_names:
-        return Issue("no such joint", (key, name), name, one_of(name, robot.joint_names, "known"))
-    turns = robot.joints[robot.joint_names.index(name)].type == "revolute"
-    if key == "joint_zeros" and not spec.joint_zeros[name].suits("angle" if turns else "length"):
-        return Issue("the zero has the wrong unit", (key, name), hint=f"write {'180 deg' if turns else '10 mm'}, say")
-    return None
+    issues += [
+        Issue("no such joint", (key, name), name, one_of(name, robot.joint_names, "known"))
+        for key, given in (("joint_zeros", spec.joint_zeros), ("joint_signs", spec.joint_signs))
+        for name in given
+        if name not in robot.joint_names
+    ]
+    for joint in robot.joints:
+        turns = joint.type == "revolute"
+        if joint.name in spec.joint_zeros and not spec.joint_zeros[joint.name].suits("angle" if turns else "length"):
+            hint = f"write {'180 deg' if turns else '10 mm'}, say"
+            issues.append(Issue("the zero has the wrong unit", ("joint_zeros", joint.name), hint=hint))
+    return issues
 
 
 @dataclass
 class Header:
-    """What was found in the column headers: known columns, and what is wrong with the others.
+    """What was found in the column headers: known columns, and what is wrong with the others."""
 
-    Args:
-        found: known name -> its column.
-        unknown: header -> the known name that was probably meant; empty where none is like it.
-        unitless: known name -> what to write.
-        missing: known name -> header to add; under an empty name that nothing is measured.
-        left_out: headers that are not used, as the problem file says which are.
-    """
-
-    found: dict[str, Column] = field(default_factory=dict)
+    found: dict[str, Column] = field(default_factory=dict)  # known name -> its column
+    # header -> the known name that was probably meant; empty where none is like it
     unknown: dict[str, str] = field(default_factory=dict)
-    unitless: dict[str, str] = field(default_factory=dict)
+    unitless: dict[str, str] = field(default_factory=dict)  # known name -> usual unit
+    # known name -> header to add; under an empty name that nothing is measured
     missing: dict[str, str] = field(default_factory=dict)
-    left_out: list[str] = field(default_factory=list)
+    left_out: list[str] = field(default_factory=list)  # headers that are not used, as the problem file says which are
 
     @property
     def probable_names(self) -> set[str]:
@@ -115,83 +103,55 @@ class Header:
 
     def report_faults(self, line: int, faults: Faults, kinds: dict[str, CellKind]) -> None:
         """One fault for the whole header, whatever is wrong with it: one thing in detail, several in one sentence."""
-        if len(self.unknown) + len(self.unitless) + len(self.missing) == 1:
-            self._report_one(line, faults, kinds)
-        elif self.unknown or self.unitless or self.missing:
+        if len(self.unknown) + len(self.unitless) + len(self.missing) != 1:
             self._report_all(line, faults)
-
-    def _report_one(self, line: int, faults: Faults, kinds: dict[str, CellKind]) -> None:
-        """The fault of a header with one thing wrong."""
+            return
         for name, near in self.unknown.items():
             hint = f"did you mean '{near}'?" if near else f"known are {', '.join(kinds)}"
-            message, column, value, said = ("unknown column", name, name, hint) if name else _NAMELESS_FAULT
-            faults.add(message, column, value, said, line)
-        for name, hint in self.unitless.items():
-            faults.add("the column has no unit", name, None, hint, line)
+            if name:
+                faults.add("unknown column", name, name, hint, line)
+            else:
+                faults.add(
+                    "a column has no name", hint="name it, or leave out the commas at the ends of lines", line=line
+                )
+        for name, unit in self.unitless.items():
+            faults.add("the column has no unit", name, None, f"write {name} [{unit}]", line)
         for name, title in self.missing.items():
             what = "the column of this joint is missing" if name else "nothing is measured"
             faults.add(what, name, hint=f"add {title}", line=line)
 
     def _report_all(self, line: int, faults: Faults) -> None:
-        """The fault of a header with several things wrong, with one hint for all of them."""
-        parts = []
-        if self.missing:
-            parts.append(f"missing {listed(self.missing.values())}")
-        if self.unknown:
-            unknown = [
-                f"'{name}'" + (f" (did you mean {near}?)" if near else "") for name, near in self.unknown.items()
-            ]
-            parts.append(f"unknown {listed(unknown, _MAX_LISTED_COLUMNS)}")
-        if self.unitless:
-            parts.append(f"no unit in {listed(self.unitless)}")
-        faults.add(f"the header does not fit: {'; '.join(parts)}", hint=self._mapping_hint(), line=line)
+        unknown = [f"'{name}'" + (f" (did you mean {near}?)" if near else "") for name, near in self.unknown.items()]
+        parts = [f"missing {listed(self.missing.values())}"] if self.missing else []
+        parts += [f"unknown {listed(unknown, _MAX_LISTED_COLUMNS)}"] if unknown else []
+        parts += [f"no unit in {listed(self.unitless)}"] if self.unitless else []
+        if parts:
+            faults.add(f"the header does not fit: {'; '.join(parts)}", hint=self._mapping_hint(), line=line)
 
     def _mapping_hint(self) -> str:
-        """How to map the columns of a foreign file, add units, or name columns."""
-        pairs = {
-            near: title for title, near in self.unknown.items() if near and near not in (*LABELS, *_INPUT_DIMENSIONS)
-        }
+        labels = (*LABELS, *_INPUT_DIMENSIONS)
+        pairs = {near: title for title, near in self.unknown.items() if near and near not in labels}
         numbers = [found[1] for title in self.unknown if (found := _SEVERAL_MARKERS.match(title))]
         if len({*numbers}) > 1 and len(numbers) > 3:
             return "write one row a marker: x, y, z, and the marker's name in the column target"
         if self.unknown and self.missing:
-            mapping = ", ".join(f'{name}: "{title}"' for name, title in pairs.items()) or _example_mapping(self)
-            which = f"data: {{columns: {{{mapping}{'' if {*self.missing} <= {*pairs, ''} else ', …'}}}}}"
-            option = (mapping.split(", ")[0]).replace(': "', "=").rstrip('"')
+            pairs = pairs or {next(iter(self.missing)) or "x": next(iter(self.unknown))}
+            mapping = [f'{name}: "{title}"' for name, title in pairs.items()]
+            more = "" if {*self.missing} <= {*pairs, ""} else ", …"
+            which = f"data: {{columns: {{{', '.join(mapping)}{more}}}}}"
+            option = mapping[0].replace(': "', "=").rstrip('"')
             return f'rename them, or say which is which: {which} in the problem file, or --column "{option}" …'
         if self.unitless:
-            titles = ", ".join(hint.removeprefix("write ") for hint in self.unitless.values())
-            units = ", ".join(f"{name}: {_unit_in(hint)}" for name, hint in list(self.unitless.items())[:2])
+            titles = ", ".join(f"{name} [{unit}]" for name, unit in self.unitless.items())
+            units = ", ".join(f"{name}: {unit}" for name, unit in list(self.unitless.items())[:2])
             return f"write {titles}, or in the problem file data: {{units: {{{units}, …}}}}"
         return "rename them or leave them out" if self.unknown else "add them"
-
-
-_NAMELESS_FAULT = ("a column has no name", "", None, "name it, or leave out the commas at the ends of lines")
-"""Message, column, value and hint of a column without a name."""
-
-
-def _example_mapping(header: Header) -> str:
-    """A mapping of the first missing column to the first unknown header."""
-    return f'{next(iter(header.missing)) or "x"}: "{next(iter(header.unknown))}"'
-
-
-def _unit_in(hint: str) -> str:
-    """The unit in brackets at the end of a hint."""
-    return hint.rpartition("[")[2].rstrip("]")
 
 
 def read_header(
     titles: Sequence[str], robot: Robot, line: int, faults: Faults, spec: DataSpec | None = None
 ) -> tuple[dict[str, Column], tuple[str, ...]]:
-    """The known columns by name, and the column headers that are left out; what else is wrong joins ``faults``.
-
-    Args:
-        titles: the column headers, as written.
-        robot: whose joints the columns may be.
-        line: of the header in the file.
-        faults: of the file.
-        spec: may map headers of the instrument, and state units.
-    """
+    """The known columns by name, and the column headers that are left out; what else is wrong joins ``faults``."""
     spec = spec or DataSpec()
     header = _read_columns(titles, robot, line, faults, spec)
     there = {*header.found, *header.probable_names}
@@ -204,9 +164,8 @@ def read_header(
 
 
 def known_columns(titles: Sequence[str], robot: Robot, line: int, faults: Faults) -> tuple[dict[str, Column], set[str]]:
-    """The known columns by name, and what unknown ones were probably meant to be; these, doubled or unitless ones join
-    ``faults``, and nothing that is missing does.
-    """
+    """The known columns by name, and what unknown ones were probably meant to be."""
+    # These, doubled or unitless ones join ``faults``, and nothing that is missing does
     header = _read_columns(titles, robot, line, faults, DataSpec())
     if _is_of_another_robot(header, robot, line, faults):
         return header.found, {*robot.joint_names, *header.probable_names}
@@ -215,9 +174,11 @@ def known_columns(titles: Sequence[str], robot: Robot, line: int, faults: Faults
 
 
 def _read_columns(titles: Sequence[str], robot: Robot, line: int, faults: Faults, spec: DataSpec) -> Header:
-    """The header, sorted into known columns and faults; doubled names and wrong units join ``faults`` at once."""
     sized, kinds = column_dimensions(robot, spec), column_kinds(robot, spec)
-    _name_clashes(robot, faults)
+    taken = {*AXES, *ORIENTATION_GROUPS["quaternion"], *LABELS, *_INPUT_DIMENSIONS}
+    for name in robot.joint_names:
+        if name in taken | {f"{other}.approach" for other in robot.joint_names}:
+            faults.add("a joint has the name of a column of measurements", name, hint="rename the joint in the problem")
     header = Header()
     others: list[str] = []
     for index, (name, unit) in enumerate(_counted(_named_columns(titles, spec, line, faults), robot)):
@@ -228,16 +189,22 @@ def _read_columns(titles: Sequence[str], robot: Robot, line: int, faults: Faults
         elif name in header.found:
             faults.add("two columns have this name", name, hint="keep one", line=line)
         else:
-            unit = _stated_unit(name, unit, spec, line, faults)
+            stated = spec.units.get(name, "")
+            if stated and unit and stated != unit:
+                hint = "keep the right one: data: {units: …} is for column headers without a unit"
+                message = f"the column header says '{unit}', the problem file '{stated}'"
+                faults.add(message, name, unit, hint, line)
+            unit = unit or stated
             factor, offset = _unit_scale(name, unit, sized.get(name, ""), line, header, faults)
             header.found[name] = Column(name, index, kinds[name], factor, offset, unit)
     free = [name for name in kinds if name not in header.found]
-    outside = _joints_outside(robot)
+    text = robot.description.data if robot.description else b""
+    outside = re.findall(rb"<joint\s[^>]*?\bname\s*=\s*[\"']([^\"']+)[\"']", text)
     for name in others:
-        if name in outside:
+        if name.encode() in outside and name not in robot.joint_names:
             hint = "leave the column out if it stood still, or state another base_link in the section robot"
             faults.add("a joint of the URDF that is not between base_link and tip_link", name, hint=hint, line=line)
-        elif spec.columns and not get_close_matches(name.lower(), free, 1, _MISTYPED_LIKENESS):
+        elif spec.columns and not get_close_matches(name.lower(), free, 1, 0.8):
             header.left_out += [name] if name else []
         else:
             header.unknown[name] = _likely_column(name, free, robot) or nearest(name, free)
@@ -245,64 +212,44 @@ def _read_columns(titles: Sequence[str], robot: Robot, line: int, faults: Faults
 
 
 def _counted(found: list[tuple[str, str]], robot: Robot) -> list[tuple[str, str]]:
-    """The columns ``q1 … qn`` as the joints in their order, where the file names none of them."""
     names = [name.removesuffix(".approach") for name, _ in found]
     called = {f"q{k}": name for k, name in enumerate(robot.joint_names, 1)}
     if not {*called} <= {*names} or {*names} & {*robot.joint_names}:
         return found
-    return [
-        (called.get(plain, plain) + name.removeprefix(plain), unit)
-        for plain, (name, unit) in zip(names, found, strict=True)
-    ]
-
-
-def _joints_outside(robot: Robot) -> set[str]:
-    """Joints of the URDF that are not in the chain."""
-    text = robot.description.data if robot.description else b""
-    found = re.findall(rb"<joint\s[^>]*?\bname\s*=\s*[\"']([^\"']+)[\"']", text)
-    return {name.decode("utf-8", "replace") for name in found} - {*robot.joint_names}
+    both = zip(names, found, strict=True)
+    return [(called.get(plain, plain) + name.removeprefix(plain), unit) for plain, (name, unit) in both]
 
 
 def _named_columns(titles: Sequence[str], spec: DataSpec, line: int, faults: Faults) -> list[tuple[str, str]]:
-    """Name and unit of every column, named as the problem file says."""
     found = [_split_brackets(title) for title in titles]
     for name, wanted in spec.columns.items():
         at = _matching_columns(titles, wanted)
         if len(at) == 1:
-            own = [k for k, (other, _) in enumerate(found) if other == name and k != at[0]]
-            for k in own:  # another column of that name is not meant
-                found[k] = (f"{name} of the file", found[k][1])
-            found[at[0]] = (name, _unit_of_header(titles[at[0]]))
+            # Another column of that name is not meant.
+            found = [(f"{name} of the file", unit) if other == name else (other, unit) for other, unit in found]
+            unit = _split_brackets(titles[at[0]])[1] or _split_round(titles[at[0]])[1]
+            found[at[0]] = (name, _UNIT_ABBREVIATIONS.get(unit.lower().removesuffix("s"), unit))
         elif at:
             which = listed(str(k + 1) for k in at)
             hint = f"name it by its number: data: {{columns: {{{name}: {at[0] + 1}}}}}"
             faults.add(f"the columns {which} are called '{wanted}'", name, wanted, hint, line)
         elif all(other != name for other, _ in found):
-            faults.add(f"there is no column {wanted!r}", name, wanted, _header_hint(titles, wanted), line)
+            hint = f"the file has {listed((h.strip() for h in titles), _MAX_LISTED_COLUMNS)}"
+            if isinstance(wanted, int):
+                hint = f"the file has {len(titles)} columns"
+            elif near := nearest(wanted, titles):
+                hint = f"did you mean '{near.strip()}'?"
+            faults.add(f"there is no column {wanted!r}", name, wanted, hint, line)
     return found
 
 
 def _matching_columns(titles: Sequence[str], wanted: str | int) -> list[int]:
-    """The columns that a problem file means: by number, by the whole column header, or without its unit."""
     if isinstance(wanted, int):
         return [wanted - 1] if wanted <= len(titles) else []
     plain = wanted.strip()
     whole = [k for k, title in enumerate(titles) if title.strip() == plain]
-    return whole or [
-        k for k, title in enumerate(titles) if plain in (_split_brackets(title)[0], _split_round(title)[0])
-    ]
-
-
-def _header_hint(titles: Sequence[str], wanted: str | int) -> str:
-    """What was probably meant by a header that the file does not have."""
-    if isinstance(wanted, int):
-        return f"the file has {len(titles)} columns"
-    near = nearest(wanted, titles)
-    return (
-        f"did you mean '{near.strip()}'?"
-        if near
-        else f"the file has {listed((h.strip() for h in titles), _MAX_LISTED_COLUMNS)}"
-    )
+    names = [(_split_brackets(title)[0], _split_round(title)[0]) for title in titles]
+    return whole or [k for k, own in enumerate(names) if plain in own]
 
 
 def _split_brackets(title: str) -> tuple[str, str]:
@@ -312,37 +259,18 @@ def _split_brackets(title: str) -> tuple[str, str]:
 
 
 def _split_round(title: str) -> tuple[str, str]:
-    """Name and unit of a header such as ``joint1 (deg)``."""
     match = ROUND_HEADER.match(title)
     return (match["name"], match["unit"].strip()) if match else (title.strip(), "")
 
 
-def _unit_of_header(title: str) -> str:
-    """The unit of a foreign header, in brackets of either kind."""
-    unit = _split_brackets(title)[1] or _split_round(title)[1]
-    return _UNIT_ABBREVIATIONS.get(unit.lower().removesuffix("s"), unit)
-
-
-def _stated_unit(name: str, unit: str, spec: DataSpec, line: int, faults: Faults) -> str:
-    """The unit of the header or of the problem file; two different ones are a fault."""
-    stated = spec.units.get(name, "")
-    if stated and unit and stated != unit:
-        message = f"the column header says '{unit}', the problem file '{stated}'"
-        faults.add(
-            message, name, unit, "keep the right one: data: {units: …} is for column headers without a unit", line
-        )
-    return unit or stated
-
-
 def _unit_scale(name: str, unit: str, dimension: str, line: int, header: Header, faults: Faults) -> tuple[float, float]:
-    """Factor and offset of a column to SI units; a wrong or missing unit is a fault, and the cells are still read."""
     if not dimension:
         if unit not in ("", "-", "1"):
             faults.add(f"a column without dimension has the unit '{unit}'", name, unit, f"write {name}", line)
         return 1.0, 0.0
     hint = f"write {name} [{_USUAL_UNITS[dimension]}]"
     if not unit:
-        header.unitless[name] = hint
+        header.unitless[name] = _USUAL_UNITS[dimension]
     elif dimension == "temperature":
         if unit in _CELSIUS_OFFSETS:
             return 1.0, _CELSIUS_OFFSETS[unit]
@@ -357,22 +285,7 @@ def _unit_scale(name: str, unit: str, dimension: str, line: int, header: Header,
     return 1.0, 0.0
 
 
-def _name_clashes(robot: Robot, faults: Faults) -> None:
-    """A fault for each joint that is named like a column of measurements."""
-    taken = {
-        *AXES,
-        *ORIENTATION_GROUPS["quaternion"],
-        *LABELS,
-        *_INPUT_DIMENSIONS,
-        *(f"{name}.approach" for name in robot.joint_names),
-    }
-    for name in robot.joint_names:
-        if name in taken:
-            faults.add("a joint has the name of a column of measurements", name, hint="rename the joint in the problem")
-
-
 def _likely_column(title: str, free: Sequence[str], robot: Robot) -> str:
-    """What a foreign header is for: a joint by its name or number, an axis by its letter; empty where neither."""
     parts = {*re.split(r"[/.:\s]+", title)}
     if len(own := [name for name in robot.joint_names if parts & {name, f"{name}_joint", f"joint_{name}"}]) == 1:
         return own[0] if own[0] in free and not parts & _RATES else ""
@@ -387,7 +300,6 @@ def _likely_column(title: str, free: Sequence[str], robot: Robot) -> str:
 
 
 def _is_of_another_robot(header: Header, robot: Robot, line: int, faults: Faults) -> bool:
-    """Whether no column is a joint of this robot while others may be those of another one; this is then a fault."""
     joints, unknown = set(robot.joint_names), [title for title, near in header.unknown.items() if near not in AXES]
     alike = {name.lower() for name in joints} & {name.lower() for name in unknown}
     guessed = joints & header.probable_names
@@ -396,29 +308,28 @@ def _is_of_another_robot(header: Header, robot: Robot, line: int, faults: Faults
         return False
     ours, theirs = ", ".join(robot.joint_names), listed(unknown, _MAX_LISTED_COLUMNS)
     message = f"no column is a joint of the problem's robot ({ours}), but there are {theirs}"
-    hint = "is it another robot's file? name its problem file, or say which columns are this robot's joints: "
-    hint += f'data: {{columns: {{{robot.joint_names[0]}: "{unknown[0]}", …}}}}'
+    hint = f'say which columns are joints: data: {{columns: {{{robot.joint_names[0]}: "{unknown[0]}", …}}}}; of poses '
+    hint += "of the flange write robot: {kind: flange} and columns flange_x, flange_rx …"
     faults.add(message, hint=hint, line=line)
     return True
 
 
 def _note_missing(header: Header, there: set[str], robot: Robot, spec: DataSpec) -> None:
-    """Note joints without a column, and that nothing was measured, in ``header.missing``.
-
-    Args:
-        there: known names that are found or probably meant.
-    """
     guessed = {name for title, name in header.unknown.items() if name and not nearest(title, [name])}
     there = there - guessed
     several = len(header.unknown) > 1
+    turned = turned_joints_of(robot, there)
     for joint in robot.joints:
+        if joint.name in turned:
+            continue
         if joint.name not in there or (joint.name in guessed | (header.probable_names if several else set())):
             header.missing[joint.name] = f"{joint.name} [{'deg' if joint.type == 'revolute' else 'mm'}]"
     measured = [axis for axis in AXES if axis in there]
     meant = [axis for axis in AXES if axis in guessed]
-    if not measured and not any(kind.required(spec, ()) & there for kind in KINDS) and len(meant) > 1:
+    nothing = not measured and not any(kind.required(spec, ()) & there for kind in KINDS)
+    if nothing and len(meant) > 1:
         header.missing |= {axis: f"{axis} [mm]" for axis in meant}
-    elif not measured and not any(kind.required(spec, ()) & there for kind in KINDS):
+    elif nothing:
         *others, last = (kind.example for kind in KINDS)
         header.missing[""] = f"{', '.join(others)}, or {last}"
     header.missing |= {axis: f"{axis} [mm]" for axis in AXES if measured and several and axis in header.probable_names}
@@ -427,11 +338,12 @@ def _note_missing(header: Header, there: set[str], robot: Robot, spec: DataSpec)
 def _contradiction_faults(
     header: Header, there: set[str], robot: Robot, line: int, faults: Faults, spec: DataSpec
 ) -> None:
-    """Faults of columns that exclude each other: points that are touched and measured, half an orientation."""
     measured = [axis for axis in AXES if axis in there]
     kinds = [(kind, sorted(kind.required(spec, ()) & {*header.found})) for kind in KINDS]
     others = [(kind, columns) for kind, columns in kinds if columns]
     incomplete_orientation(there, robot, line, faults)
+    if robot.pose_prefix:
+        incomplete_orientation(there, robot, line, faults, robot.pose_prefix)
     if "instrument" in there:
         return
     if (others and measured) or len(others) > 1:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
@@ -10,22 +11,59 @@ from typing import Any
 
 import numpy as np
 
-from posture_opt.measurements.kinds import Kind, PointContact, Pose, Position, Seen
+from posture_opt.measurements.kinds import CameraPose, Kind, PointContact, Pose, Position, Seen
 from posture_opt.measurements.kinds.kind import Vector
-from posture_opt.measurements.readings.better_reading import BetterReading
 from posture_opt.model.arm import Arm
+from posture_opt.model.arm_state import REFERENCE_TEMPERATURE, Inputs
 from posture_opt.model.chain import factor_values, stack, walk
 from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.result import Summarised
 from posture_opt.robot.robot import Robot
-from posture_opt.statements import Statement, state
+from posture_opt.statements import Quantity, Statement, state
 
-_POSITION, _POSE, _POINT = Position(), Pose(), PointContact()
-_MIN_SESSION_ROWS = 20
-"""Rows of a session with a clock of its own; fewer that are out of place for each time that a clock goes back were
-sorted, or measured again."""
-_REST_TOLERANCE_M = 1e-9
-"""Motion below which a tool point is at rest; rounding of half turns at a reach of metres is 1e-15."""
+
+@dataclass(frozen=True)
+class ReadingWords:
+    """One reading in words."""
+
+    id: str  # of the statement, as ``reading.joint-zero``
+    message: str  # what is assumed, after ``if``
+    hint: str  # the line to paste, or what to write
+    column: str  # that it speaks of
+
+
+@dataclass(frozen=True)
+class BetterReading:
+    """The reading that explains the data to their noise, where the one given does not."""
+
+    reading: ReadingWords  # what is read otherwise
+    alike: Sequence[ReadingWords]  # others that explain the data as well
+    left: tuple[float, float]  # median error of the positions as given, and so read [m]
+    turned: tuple[float, float] | None  # of the orientations [rad]; None where none were measured
+    usable: bool  # whether the data can be used as given
+
+    @property
+    def sentence(self) -> str:
+        """What fits, and how well."""
+        given, found = (f"{value * 1e3:.3g} mm" for value in self.left)
+        said = f"the data fit the arm to {found}"
+        if self.turned is not None:
+            as_given, so_read = (f"{math.degrees(value):.2g} deg" for value in self.turned)
+            said, given = f"{said} and {so_read}", f"{given} and {as_given}"
+        return f"{said} if {self.reading.message}, as given only to {given}"
+
+    @property
+    def statement(self) -> Statement:
+        """The reading as a caution, with the line to paste."""
+        read, given = (Quantity(value) for value in (self.left[1], self.left[0]))
+        assumed, hint = self.reading.message, self.reading.hint
+        return state(self.reading.id, self.reading.column, assumed=assumed, hint=hint, read=read, given=given)
+
+
+_POSITION, _POSE, _CAMERA, _POINT = Position(), Pose(), CameraPose(), PointContact()
+SAME_POSTURE_RAD = 1e-3  # Commands that differ by less [rad] lead to one posture
+# An arm does not stop, settle and get measured within a second: faster rows of other postures are of a moving arm
+STOP_S = 1.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -127,7 +165,9 @@ class Measurements(Summarised):
     @property
     def kind(self) -> Kind:
         """What the rows show of the pose of the tool."""
-        return self.instrument or (_POINT if self.position is None else _POSITION if self.rotation is None else _POSE)
+        if self.instrument is not None or self.position is None:
+            return self.instrument or _POINT
+        return _POSITION if self.rotation is None else _CAMERA if self.inverted else _POSE
 
     @property
     def order(self) -> Codes:
@@ -167,10 +207,12 @@ class Measurements(Summarised):
     @property
     def reading_statements(self) -> tuple[Statement, ...]:
         """How the columns were read, and how they might be."""
-        better = () if self.better_reading is None else (self.better_reading.statement,)
-        turned = [state("reading.modulo", joints=self.turned_joints)] if self.turned_joints else []
-        rows = len(self.unmeasured)
-        return (*better, *turned, *([state("reading.unmeasured", str(self.unmeasured[0]), rows=rows)] if rows else []))
+        found = [] if self.better_reading is None else [self.better_reading.statement]
+        if self.turned_joints:
+            found.append(state("reading.modulo", joints=self.turned_joints))
+        if self.unmeasured:
+            found.append(state("reading.unmeasured", str(self.unmeasured[0]), rows=len(self.unmeasured)))
+        return tuple(found)
 
     def without_orientation(self) -> Measurements:
         """The same rows as positions; they themselves where no orientation was measured."""
@@ -241,20 +283,13 @@ def rows_back_in_time(time: Array, robots: Codes) -> Codes:
 
 
 def measuring_order(time: Array | None, robots: Codes) -> Codes:
-    """(N,) the rows in the order in which they were made: by their times, robot by robot.
-
-    In that of the file without times, or where the clock started anew: it goes back seldom then, and whole sessions
-    overlap, of `_MIN_SESSION_ROWS` rows or more.
-
-    Example:
-        >>> measuring_order(np.array([0.0, 30.0, 10.0, 20.0]), np.zeros(4, dtype=int)).tolist()
-        [0, 2, 3, 1]
-    """
+    """(N,) the rows in the order in which they were made: by their times, robot by robot."""
     rows = np.arange(len(robots))
     if time is None or not len(back := rows_back_in_time(time, robots)):
         return rows
     misplaced = sum(_misplaced(time[robots == robot]) for robot in np.unique(robots))
-    return rows if misplaced > _MIN_SESSION_ROWS * len(back) else np.lexsort((rows, time, robots))
+    # Sessions with a clock of their own have more than 20 rows: fewer out of place were sorted, or measured again.
+    return rows if misplaced > 20 * len(back) else np.lexsort((rows, time, robots))
 
 
 def _misplaced(time: Array) -> int:
@@ -266,43 +301,22 @@ def _misplaced(time: Array) -> int:
     return len(time) - len(ends)
 
 
+def joint_codes(*labels: Array | Codes) -> Codes:
+    """(N,) codes of rows that agree in all labels, each (N,) or (N, k)."""
+    return np.asarray(np.unique(np.column_stack(labels), axis=0, return_inverse=True)[1].ravel(), dtype=np.intp)
+
+
 def group_means(values: Array, groups: Codes) -> Array:
-    """(G, …) means of rows ``values`` (N, …) over each group, in the order of their codes.
-
-    Args:
-        values: (N, …).
-        groups: (N,) codes, not necessarily without gaps.
-
-    Example:
-        >>> group_means(np.array([1.0, 3.0, 5.0]), np.array([0, 0, 7])).tolist()
-        [2.0, 5.0]
-    """
+    """(G, …) means of rows ``values`` (N, …) over each group, in the order of their codes."""
+    # values: (N, …); groups: (N,) codes, not necessarily without gaps
     _, codes, count = np.unique(groups, return_inverse=True, return_counts=True)
     sums = np.zeros((len(count), *values.shape[1:]))
     np.add.at(sums, codes, values)
     return np.asarray(sums / count.reshape(-1, *[1] * (values.ndim - 1)))
 
 
-_FIELDS_OF_FILE = {
-    "joint_names",
-    "measured_axes",
-    "target_names",
-    "robot_names",
-    "point_names",
-    "second_names",
-    "inverted",
-    "better_reading",
-    "turned_joints",
-    "unmeasured",
-    "file",
-    "warnings",
-    "joint_units",
-    "notes",
-    "instrument",
-}
-_FIELDS_BY_ROW = tuple(
-    f.name for f in fields(Measurements) if f.name not in _FIELDS_OF_FILE and not f.name.endswith("_given")
-)
+# Arrays of integer codes or numbers have a value a row; `measured_axes` is a mask
+_FIELDS_BY_ROW = tuple(f.name for f in fields(Measurements) if str(f.type).split(" ")[0] in ("Array", "Codes"))
 
 
 def nominal_poses(robot: Robot, q: Array) -> tuple[Array, Array]:
@@ -320,14 +334,11 @@ def reach_of(robot: Robot) -> Array:
 
 
 def still_axes(robot: Robot) -> Mask:
-    """(3,) along which world axes the tool point cannot be moved at will, as z of a planar arm.
-
-    A planar arm that was found to be slightly skew leaves its plane by its errors only: that does not count.
-    """
+    """(3,) along which world axes the tool point cannot be moved at will, as z of a planar arm."""
     points = reach_of(robot)
     # A planar arm that was found to be slightly skew leaves its plane by its flaws only.
     extent = np.ptp(points, axis=0)
-    return np.asarray(extent < _REST_TOLERANCE_M + 2 * robot.skew * extent.max())
+    return np.asarray(extent < 1e-9 + 2 * robot.skew * extent.max())
 
 
 def carried_joint_values(arm: Arm, q: Array) -> Array:
@@ -345,18 +356,80 @@ def rows_of(codes: Codes) -> list[Codes]:
 
 
 def outlying_groups(size: Array, freedom: Array) -> Mask:
-    """(G,) postures whose repeats differ far more than the others explain: a slip or a wrong reading, no scatter.
-
-    The scale is the median's, which these cannot move far. Gross is twice what Gaussian repeats reach once in a
-    thousand sets of data; twice, because scatter is neither round nor the same at every posture.
-
-    Args:
-        size: (G,) sum of squares about the mean of each posture's repeats [m²].
-        freedom: (G,) how many coordinates it sums, those of the mean taken off.
-    """
+    """(G,) postures whose repeats differ far more than the others explain: a slip or a wrong reading, no scatter."""
+    # size: (G,) sum of squares about the mean of each posture's repeats [m²]; freedom: (G,) how many coordinates it
+    # sums, those of the mean taken off
     from scipy.special import chdtri
 
     if not len(freedom):
         return np.zeros(0, dtype=bool)
     scale = np.median(size / chdtri(freedom, 0.5))
     return np.asarray(size > 4 * scale * chdtri(freedom, 1e-3 / len(freedom)))
+
+
+def reach(robot: Robot) -> float:
+    """The length of the stretched chain, slides at their longest [m]."""
+    strokes = sum(max(abs(j.lower), abs(j.upper)) for j in robot.joints if j.type == "prismatic")
+    return strokes + robot.length
+
+
+def sample_rows(data: Measurements) -> Codes:
+    """(m,) indices of rows of different poses, of the robot and the target that have most rows."""
+    # Evenly spread, at most 400
+    pairs = data.robot * (data.target.max(initial=0) + 1) + data.target
+    chosen = np.flatnonzero(pairs == np.bincount(pairs).argmax())
+    if not data.touches:
+        _, first = np.unique(data.pose[chosen], return_index=True)
+        chosen = chosen[np.sort(first)]
+    step = np.unique(np.linspace(0, len(chosen) - 1, min(len(chosen), 400)).round().astype(np.intp))
+    return np.asarray(chosen[step])
+
+
+def moves(data: Measurements) -> bool:
+    """Whether most rows of the file were read while the arm moved: their times say so."""
+    if data.time is None or len(data) < 3 or np.ptp(data.time) <= 0:
+        return False
+    order = data.order
+    step = np.abs(np.diff(data.q[order], axis=0)).max(axis=1)
+    return bool(np.mean((step > SAME_POSTURE_RAD) & (np.diff(data.time[order]) < STOP_S)) > 0.5)
+
+
+def joint_speeds(data: Measurements) -> Array:
+    """(N, n) speed of the joints [rad/s or m/s] by central differences along each path."""
+    assert data.time is not None, "the time of the rows is known"
+    order, speeds = data.order, np.zeros(data.q.shape)
+    steps = np.diff(data.time[order])
+    # After five times the usual time from row to row, another path begins.
+    for rows in np.split(order, np.flatnonzero(steps > 5 * max(float(np.mean(steps)), 1e-12)) + 1):
+        if len(rows) > 2:
+            speeds[rows] = np.gradient(data.q[rows], _even_times(data.time[rows]), axis=0)
+    return speeds
+
+
+def _even_times(time: Array) -> Array:
+    """(N,) increasing times [s]: evenly spaced ones, where rounding explains how the logged ones differ from them."""
+    rows = np.arange(len(time))
+    even = np.polyval(np.polyfit(rows, time, 1), rows)
+    if float(np.abs(even - time).max()) <= 1.5 * float(np.diff(np.unique(time)).min(initial=np.inf)):
+        return np.asarray(even, dtype=float)
+    least = 1e-3 * float(np.ptp(time)) / len(time)
+    return np.asarray(np.maximum.accumulate(time) + least * rows)
+
+
+def inputs_of(data: Measurements, robot: Robot) -> Inputs:
+    """The inputs of effects in every row."""
+    # Temperature above the reference [K], time since the first row [s] or row number
+    n = len(data)
+    return Inputs(
+        speed=list(joint_speeds(data).T) if moves(data) else (),
+        payload=data.payload if data.payload is not None else np.full(n, robot.payload),
+        approach=list(data.approach.T),
+        approach_length=list(data.approach_length.T),
+        temperature=data.temperature - REFERENCE_TEMPERATURE if data.temperature is not None else np.zeros(n),
+        time=data.time - data.time.min() if data.time is not None else np.arange(n, dtype=float),
+    )
+
+
+def arm_for(arm: Arm, data: Measurements) -> Arm:
+    """The arm under the inputs of every row; all sides of approach count as stated."""
+    return arm.under(replace(inputs_of(data, arm.robot), stated=data.joint_names))

@@ -1,45 +1,119 @@
-"""Measurements that look wrong as a whole: another unit, swapped columns, a mirrored frame, another robot's file.
-
-What is guessed is reported and never applied: the user knows what was measured.
-"""
+"""Measurements that look wrong as a whole: another unit, a turned frame, another robot. Nothing guessed is applied."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
-from posture_opt.measurements.affine_fit import AffineFit, affine_fit, reach, sample_rows, touch_misfit
 from posture_opt.measurements.columns import AXES, Column
 from posture_opt.measurements.data_section import DataSpec
-from posture_opt.measurements.faults import Faults
-from posture_opt.measurements.measurements import Measurements, carried_joint_values, nominal_poses
+from posture_opt.measurements.measurements import (
+    BetterReading,
+    Measurements,
+    carried_joint_values,
+    group_means,
+    nominal_poses,
+    reach,
+    sample_rows,
+)
 from posture_opt.measurements.orientation_columns import OrientationColumns
-from posture_opt.measurements.readings.better_reading import BetterReading
-from posture_opt.measurements.readings.reading_search import better_reading, sample_of
-from posture_opt.measurements.readings.readings import (
+from posture_opt.measurements.readings import (
     SCALE,
     Reading,
     axis_readings,
+    better_reading,
     coupling_readings,
     direction_reading,
     joint_readings,
     orientation_readings,
+    sample_of,
     unit_readings,
 )
+from posture_opt.measurements.table import Faults
 from posture_opt.model.arm import Arm
-from posture_opt.numerics import Array
+from posture_opt.numerics import Array, Codes
 from posture_opt.robot.robot import Robot
 
+_RANK_TOLERANCE = 1e-8  # Share of the largest singular value below which a direction is rounding
+# Units of length -> [m], in which coordinates may have been written
 _LENGTH_UNITS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "cm": 1e-2, "in": 0.0254}
-"""Units of length -> [m], in which coordinates may have been written."""
-_UNLIKE_MISFIT = 0.1
-"""Unexplained share from which a warning says that another robot may have been measured."""
-_MAX_DISTANCE_RATIO = 1e4
-"""Lengths of the arm from the middle of all points; a wrong unit makes a thousand of one."""
-_TRUSTED_MISFIT = 0.2
-"""Unexplained share up to which scale and sign of the fitted map mean something."""
+
+
+@dataclass(frozen=True)
+class AffineFit:
+    """The free linear map from the nominal tool points to the measured ones."""
+
+    # RMS of what the map leaves over that of the measured points, with its degrees of freedom; NaN where there are
+    # too few
+    misfit: float
+    # (k, d) from the d world axes along which the nominal tool moves to the k measured axes; ``None`` where the
+    # postures do not determine it, or more than a fifth is left: its scale and sign mean nothing then
+    map: Array | None
+    axes: Codes  # (d,) indices of those world axes
+
+
+def affine_fit(robot: Robot, q: Array, measured: Array) -> AffineFit:
+    """The agreement of postures with measured coordinates."""
+    # q: (m, n) joint values [rad or m]; measured: (m, k) coordinates of the measured axes [m]
+    points, rotations = (values - values.mean(axis=0) for values in nominal_poses(robot, q))
+    target, turned = measured - measured.mean(axis=0), rotations.reshape(len(q), 9)
+    axes = np.flatnonzero(np.sqrt(np.mean(points**2, axis=0)) > 1e-9)
+    left, singular, _ = np.linalg.svd(turned, full_matrices=False)
+    basis = left[:, singular > _RANK_TOLERANCE * max(singular[0], np.sqrt(len(q)))]
+    free = len(q) - 1 - basis.shape[1] - len(axes)
+    spread = np.sqrt(np.sum(target**2) / len(q))
+    if not len(axes) or spread == 0:
+        return AffineFit(np.nan, None, axes)
+    if free >= (len(q) - 1) / 2:
+        # B is free: what turns of the tool do to an unknown offset is projected off both sides.
+        moved, rest = (x - basis @ (basis.T @ x) for x in (points[:, axes], target))
+        fitted, *_ = np.linalg.lstsq(moved, rest, rcond=_RANK_TOLERANCE)
+        misfit, found = np.sqrt(np.sum((rest - moved @ fitted) ** 2) / free) / spread, fitted.T
+        # Of the tool's motion, 2 % must be free of the wrist's, so that B can be separated from the tool.
+        size = np.linalg.svd(moved, compute_uv=False)[-1] / np.sqrt(len(q))
+        known = size > 0.02 * np.sqrt(np.mean(np.sum(points**2, axis=1)))
+    elif len(q) < 6 or target.shape[1] < 3:  # 18 coordinates for the 10 unknowns of a scaled rotation
+        return AffineFit(np.nan, None, axes)
+    else:
+        tried = [_scaled_rotation(points, rotations, target, sign) for sign in (1.0, -1.0)]
+        (misfit, found), known = tried[1] if tried[1][0] < tried[0][0] / 5 else tried[0], True
+        found = found[:, axes]
+    return AffineFit(float(misfit), np.asarray(found, dtype=float) if known and misfit < 0.2 else None, axes)
+
+
+def _scaled_rotation(points: Array, rotations: Array, measured: Array, sign: float) -> tuple[float, Array]:
+    """Misfit and map (3, 3) of the scaled rotation, in turns with the tool offset (Umeyama 1991, eqs. 40-43)."""
+    tool = np.zeros(3)
+    for _ in range(20):  # five suffice for measured arms
+        reached = points + rotations @ tool
+        left, singular, right = np.linalg.svd(measured.T @ reached)
+        signs = np.array([1.0, 1.0, sign * np.sign(np.linalg.det(left @ right))])
+        turn, scale = (left * signs) @ right, (singular @ signs) / max(np.sum(reached**2), 1e-300)
+        wanted = measured @ turn / scale - points if scale > 0 else np.zeros_like(points)
+        tool, *_ = np.linalg.lstsq(rotations.reshape(-1, 3), wanted.ravel(), rcond=_RANK_TOLERANCE)
+    rest = measured - scale * (points + rotations @ tool) @ turn.T
+    free = (measured.size - 10) / measured.size
+    return float(np.sqrt(np.sum(rest**2) / np.sum(measured**2) / free)), np.asarray(scale * turn)
+
+
+def touch_misfit(robot: Robot, q: Array, point: Codes) -> float:
+    """RMS distance of the touches of one point from their mean, with the best tool offset."""
+    # q: (m, n) joint values [rad or m]; point: (m,) code of the touched point of each row
+    points, rotations = nominal_poses(robot, q)
+    flat = np.column_stack([points, rotations.reshape(len(q), 9)])
+    codes = np.unique(point, return_inverse=True)[1]
+    flat = flat - group_means(flat, codes)[codes]
+    offsets = flat[:, 3:].reshape(-1, 3)
+    free = 3 * (len(q) - len(np.unique(point))) - 3
+    if free < 3 * len(q) / 2:
+        return float("nan")
+    tool, *_ = np.linalg.lstsq(offsets, -flat[:, :3].ravel(), rcond=_RANK_TOLERANCE)
+    rest = flat[:, :3].ravel() + offsets @ tool
+    size = reach(robot) * np.sqrt(np.sum(offsets**2) / (2 * len(q)))  # postures that hardly differ agree with anything
+    return float(np.sqrt(3 * np.sum(rest**2) / free) / size) if size > 0 else float("nan")
 
 
 class HasData(Protocol):
@@ -49,10 +123,8 @@ class HasData(Protocol):
     def arm(self) -> Arm: ...
     @property
     def robot(self) -> Robot: ...
-
     @property
     def data(self) -> DataSpec: ...
-
     @property
     def measurement(self) -> object: ...
 
@@ -60,15 +132,7 @@ class HasData(Protocol):
 def plausibility_checks(
     data: Measurements, problem: HasData, columns: dict[str, Column], turned: OrientationColumns | None, faults: Faults
 ) -> tuple[list[str], BetterReading | None]:
-    """Warnings on data that can be used, and a reading that explains them better; faults where they cannot be.
-
-    Args:
-        data: all rows; a sample of at most 400 is checked.
-        problem: the nominal arm, and how its data are read.
-        columns: of the file, for names and units.
-        turned: the columns of the orientation.
-        faults: of the file.
-    """
+    """Warnings on data that can be used, and a reading that explains them better; faults where they cannot be."""
     robot, rows = problem.robot, sample_rows(data)
     if data.position is None and not data.touches:
         return [], None
@@ -90,14 +154,13 @@ def plausibility_checks(
     if _wrong_lengths(found, measured, q, robot, [columns[axis] for axis in named], faults):
         return [], better
     scale = None if better is not None else _motion_scale(found)
-    turned_frame = _turned_note(found, robot, named)
-    return [*_unlike_note(found.misfit, scale, "of the measured motion"), *turned_frame], better
+    unlike = _unlike_note(found.misfit, scale, "of the measured motion")
+    return [*unlike, *_turned_note(found, robot, named)], better
 
 
 def _better_reading(
     data: Measurements, problem: HasData, columns: dict[str, Column], turned: OrientationColumns | None
 ) -> BetterReading | None:
-    """The reading of the list that explains the data where the one given does not; None where there is none."""
     sample = sample_of(data, problem.arm, problem.measurement)
     if sample is None:
         return None
@@ -117,10 +180,9 @@ def _better_reading(
 
 
 def _far_off(data: Measurements, position: Array, robot: Robot, faults: Faults) -> bool:
-    """Whether rows were measured where no instrument could have seen the tool: no outlier of an instrument."""
     size = max(reach(robot), 1.0)
     off = np.linalg.norm(position - np.median(position, axis=0), axis=1)
-    far = np.flatnonzero(off > _MAX_DISTANCE_RATIO * size)
+    far = np.flatnonzero(off > 1e4 * size)  # a wrong unit makes a thousand of one
     for row in map(int, far):
         message = f"the point lies {off[row]:.3g} m from the middle of all, and the arm is {size:.3g} m long"
         faults.add(message, hint="leave out the row", line=int(data.line[row]))
@@ -128,18 +190,15 @@ def _far_off(data: Measurements, position: Array, robot: Robot, faults: Faults) 
 
 
 def _motion_scale(found: AffineFit) -> float | None:
-    """How many times as far as the nominal tool the measured point moves; None where the fit is too poor."""
-    if found.map is None or not found.misfit < _TRUSTED_MISFIT:
-        return None
-    return float(np.sqrt(np.sum(found.map**2) / len(found.axes)))
+    """How many times as far as the nominal tool the measured point moves."""
+    return None if found.map is None else float(np.sqrt(np.sum(found.map**2) / len(found.axes)))
 
 
 def _wrong_lengths(
     found: AffineFit, measured: Array, q: Array, robot: Robot, columns: list[Column], faults: Faults
 ) -> bool:
-    """Whether coordinates look like another unit of length, each column for itself where the data determine that."""
     scales: Array
-    if found.misfit < _TRUSTED_MISFIT and found.map is not None and len(found.axes) == len(columns):
+    if found.map is not None and len(found.axes) == len(columns):
         scales = np.linalg.norm(found.map, axis=1)
     else:
         scales = np.full(len(columns), _motion_scale(found) or _distance_ratio(measured, q, robot))
@@ -155,7 +214,6 @@ def _wrong_lengths(
 
 
 def _distance_ratio(measured: Array, q: Array, robot: Robot) -> float:
-    """The median ratio of distances between measured points to those of the nominal tool points; NaN for none."""
     points, _ = nominal_poses(robot, q)
     order = np.random.default_rng(0).permutation(len(q))
     nominal = np.linalg.norm(points[order] - points[np.roll(order, 1)], axis=1)
@@ -166,9 +224,6 @@ def _distance_ratio(measured: Array, q: Array, robot: Robot) -> float:
 
 
 def _likely_unit(scale: float, column: Column) -> str:
-    """The unit that the numbers of a column seem to have, by the scale of their motion; empty where it is the stated
-    one.
-    """
     if not scale > 0 or 0.2 < scale < 5:
         return ""
     for units, tolerance in ((("m", "mm", "um"), 5.0), (("cm", "in"), 1.3)):
@@ -178,19 +233,10 @@ def _likely_unit(scale: float, column: Column) -> str:
     return ""
 
 
-def _square_map(found: AffineFit) -> Array | None:
-    """The map (k, k) between as many axes as are measured, where the fit is good enough to trust its sign."""
-    if found.map is None or found.map.shape[0] != found.map.shape[1] or not found.misfit < _TRUSTED_MISFIT:
-        return None
-    return found.map
-
-
 def _turned_note(found: AffineFit, robot: Robot, named: list[str]) -> list[str]:
-    """A warning where the problem states the base and the data are in another frame, by more than 10 deg."""
-    square = _square_map(found)
-    if robot.base_free or square is None:
+    if robot.base_free or found.map is None or found.map.shape[0] != found.map.shape[1]:
         return []
-    left, _, right = np.linalg.svd(square)
+    left, _, right = np.linalg.svd(found.map)
     cosine = (np.trace(left @ right) - (1 if len(named) == 3 else 0)) / 2
     angle = math.degrees(math.acos(min(1.0, max(-1.0, cosine))))
     if angle < 10:
@@ -202,8 +248,7 @@ def _turned_note(found: AffineFit, robot: Robot, named: list[str]) -> list[str]:
 
 
 def _unlike_note(misfit: float, scale: float | None, what: str) -> list[str]:
-    """A warning where no base and no tool lets the nominal robot come near the data."""
-    if misfit > _UNLIKE_MISFIT:
+    if misfit > 0.1:
         return [
             f"whatever base and tool, the nominal robot leaves {100 * misfit:.3g} % unexplained ({what}): is it "
             "another robot's file, or are signs or zeros of joints different?"

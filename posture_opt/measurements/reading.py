@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from posture_opt.errors import BadValueError, InputError, Issue, did_you_mean, listed
+from posture_opt.errors import InputError, Issue, did_you_mean, listed
 from posture_opt.limits import MOST_PLACES, MOST_ROBOTS
 from posture_opt.measurements.columns import (
     AXES,
@@ -19,33 +19,23 @@ from posture_opt.measurements.columns import (
     without_unmeasured,
 )
 from posture_opt.measurements.data_section import DataSpec
-from posture_opt.measurements.faults import Faults
 from posture_opt.measurements.header import column_kinds, read_header
 from posture_opt.measurements.kinds import KINDS
-from posture_opt.measurements.kinds.alternatives import likeliest
-from posture_opt.measurements.kinds.pose_columns import ORIENTATION
 from posture_opt.measurements.measurements import (
     Measurements,
-    carried_joint_values,
     measuring_order,
     nominal_poses,
     rows_back_in_time,
     still_axes,
 )
-from posture_opt.measurements.mixing import mixed_rows
-from posture_opt.measurements.orientation_columns import NO_ORIENTATION_NOTE, OrientationColumns, orientation_of
+from posture_opt.measurements.mixing import no_board_poses, with_instrument
+from posture_opt.measurements.orientation_columns import OrientationColumns, joint_turns, orientation_of
 from posture_opt.measurements.plausibility import HasData, plausibility_checks
 from posture_opt.measurements.repeats import apart
 from posture_opt.measurements.rotations import inverted_poses
-from posture_opt.measurements.table import TableLike, open_table
-from posture_opt.model.chain import factor_values, walk
+from posture_opt.measurements.table import Faults, TableLike, open_table
 from posture_opt.numerics import TURN, Array, Codes
 from posture_opt.robot.robot import Robot
-
-_LIMIT_TOLERANCE_RAD = 1e-3
-"""Rounding of a limit, and what an arm stops beyond it."""
-_MAX_LISTED_LINES = 10
-"""Lines that a warning lists."""
 
 
 def read_measurements(source: TableLike, problem: HasData) -> Measurements:
@@ -87,14 +77,13 @@ def read_measurements(source: TableLike, problem: HasData) -> Measurements:
     data = _assemble_rows(cells, columns, problem, turned, faults)
     faults.refuse()
     data = _as_stated(data, problem, "instrument" in cells.codes)
-    data = _with_instrument(data, cells, problem, faults)
+    data = with_instrument(data, cells, problem, faults)
     faults.refuse()
     notes, better = plausibility_checks(data, problem, columns, turned, faults)
     faults.refuse()
-    in_time = _sorted_rows(data)
-    notes += _restarted_clock(data)
+    restarted, in_time = _clock_notes(data)
     data = apart(data) if problem.data.repeats == "visits" else data
-    notes += [*_repeated_rows(data), *_moved_poses(data), *_idle_distances(data, problem.data)]
+    notes += [*restarted, *_repeated_rows(data), *_moved_poses(data), *_idle_distances(data, problem.data)]
     unused = (f"columns of the file that are not used: {listed(left_out)}",) if left_out else ()
     notes_of_file = (*data.notes, *table.notes, *in_time, *unused)
     return replace(
@@ -103,15 +92,9 @@ def read_measurements(source: TableLike, problem: HasData) -> Measurements:
 
 
 def _check_labels(cells: Cells, faults: Faults) -> None:
-    """Refuses more robots, targets or places than can be fitted together.
-
-    Raises:
-        InputError: the column and how many are accepted.
-    """
     places = dict.fromkeys(("target", *(kind.label for kind in KINDS if kind.label)), MOST_PLACES)
     for name, limit in {"robot": MOST_ROBOTS, **places}.items():
-        code = cells.code(name)
-        count = len(code[1]) if code else 0
+        count = len(cells.code(name)[1])
         if count > limit.most:
             faults.add(limit.message(count), name, count, limit.hint)
     faults.refuse()
@@ -120,20 +103,20 @@ def _check_labels(cells: Cells, faults: Faults) -> None:
 def _assemble_rows(
     cells: Cells, columns: dict[str, Column], problem: HasData, turned: OrientationColumns | None, faults: Faults
 ) -> Measurements:
-    """The measurements of cells that were read without a fault; values beyond limits join ``faults``."""
     line, robot = cells.line, problem.robot
-    q = np.column_stack([_present_column(cells.number(name)) for name in robot.joint_names])
+    turns = joint_turns(cells, columns, robot, faults)
+    faults.refuse()
+    q = np.column_stack([turns[n] if n in turns else cells.present(n) for n in robot.joint_names])
     q, turned_joints = _as_counted(q, robot, problem.data)
     _check_limits(q, robot, columns, line, faults)
     check_inputs(cells, robot, faults)
-    pose, goal = cells.code("pose"), cells.code("goal")
-    poses = pose[0] if pose else _codes_of_rows(q)
-    without_column: tuple[Codes, tuple[str, ...]] = (np.zeros(len(q), dtype=np.intp), ())
-    target, robots = (cells.code(name) or without_column for name in ("target", "robot"))
     mixed = "instrument" in columns
-    labels = () if mixed else KINDS
-    point = next((code for kind in labels if kind.label and (code := cells.code(kind.label))), without_column)
-    second = next((code for k in labels if k.second_label and (code := cells.code(k.second_label))), without_column)
+    labels = [] if mixed else [name for kind in KINDS for name in (kind.label,) if name in cells.codes]
+    seconds = [] if mixed else [name for kind in KINDS for name in (kind.second_label,) if name in cells.codes]
+    pose = cells.code("pose")[0] if "pose" in columns else _codes_of_rows(q)
+    goal = cells.code("goal")[0] if "goal" in columns else pose.copy()
+    targets, robots = cells.code("target"), cells.code("robot")
+    points, second = cells.code(next(iter(labels), "")), cells.code(next(iter(seconds), ""))
     measured = np.array([axis in columns for axis in AXES])
     order = measuring_order(cells.number("time"), robots[0])
     side, length, given = _approach_sides(cells, q, robots[0], robot, order)
@@ -143,26 +126,26 @@ def _assemble_rows(
         position=_measured_position(cells, q, robot, faults) if measured.any() and not mixed else None,
         measured_axes=measured,
         rotation=None if turned is None else turned.quaternions(),
-        pose=poses,
-        goal=goal[0] if goal else poses.copy(),
-        target=target[0],
-        robot=robots[0].copy(),
-        point=point[0].copy(),
-        target_names=target[1],
+        pose=pose,
+        goal=goal,
+        target=targets[0],
+        robot=robots[0],
+        point=points[0],
+        target_names=targets[1],
         robot_names=robots[1],
-        point_names=point[1],
-        second=second[0].copy() if second[1] else None,
+        point_names=points[1],
+        second=second[0] if second[1] else None,
         second_names=second[1],
         approach=side,
         approach_length=length,
         payload=cells.number("payload"),
         temperature=cells.number("temperature"),
         time=cells.number("time"),
-        visit=_visits(poses, robots[0], order),
+        visit=_visits(pose, robots[0], order),
         line=line,
         file=faults.file,
-        pose_given=pose is not None,
-        goal_given=goal is not None,
+        pose_given="pose" in columns,
+        goal_given="goal" in columns,
         approach_given=given,
         joint_units=tuple(joint.unit for joint in robot.joints),
         turned_joints=turned_joints,
@@ -177,7 +160,7 @@ def _as_counted(q: Array, robot: Robot, spec: DataSpec) -> tuple[Array, tuple[st
         q[:, i] = spec.joint_signs.get(joint.name, 1) * (q[:, i] - (zero.value if zero else 0.0))
         if joint.type != "revolute" or joint.upper - joint.lower >= TURN:
             continue
-        least, most = joint.lower - _LIMIT_TOLERANCE_RAD, joint.upper + _LIMIT_TOLERANCE_RAD
+        least, most = joint.lower - 1e-3, joint.upper + 1e-3  # rounding, and what an arm stops beyond a limit
         turned = q[:, i] + TURN * ((q[:, i] < least).astype(float) - (q[:, i] > most))
         if np.all((turned >= least) & (turned <= most)) and np.any(turned != q[:, i]):
             q[:, i] = turned
@@ -186,101 +169,25 @@ def _as_counted(q: Array, robot: Robot, spec: DataSpec) -> tuple[Array, tuple[st
 
 
 def _as_stated(data: Measurements, problem: HasData, mixed: bool) -> Measurements:
-    """Poses in the direction that the file states, and those of a board in a camera as the camera in the board."""
-    inverted = problem.data.direction == "inverted"
-    if inverted:
-        if data.position is None or data.rotation is None:
-            hint = "leave out data: {direction: inverted}, or add the orientation"
-            raise InputError(Issue("only poses can be inverted", ("data", "direction"), "inverted", hint, data.file))
-        position, rotation = inverted_poses(data.position, data.rotation)
-        data = replace(data, position=position, rotation=rotation)
-    if problem.data.frame == "camera" and not mixed:
-        return replace(_of_camera(data, problem), inverted=not inverted)
-    return data
-
-
-def _of_camera(data: Measurements, problem: HasData) -> Measurements:
-    """Poses of a board in the frame of a camera on the tool, as poses of the camera in the frame of the board.
-
-    ``T_board_camera = T_camera_board⁻¹``: the board stands for a tracker that sees the camera, so that the base (in
-    the board's frame) and the tool (the camera on the flange) are free.
-
-    Raises:
-        InputError: no orientations, or base and tool that are not free.
-    """
-    key, robot = ("data", "frame"), problem.robot
-    if data.position is None or data.rotation is None or not data.measured_axes.all():
-        raise _no_board_poses(data)
-    if not (robot.base_free and robot.tool_free):
+    """Poses in the direction that the file states, those of a board in a camera as of the camera in the board."""
+    # ``T_board_camera = T_camera_board⁻¹``: the board stands for a tracker that sees the camera, so that the base (in
+    # the board's frame) and the tool (the camera on the flange) are free.
+    known, robot, inverted = problem.data, problem.robot, problem.data.direction == "inverted"
+    of_camera, key = known.frame == "camera" and not mixed, ("data", "frame")
+    if not inverted and not of_camera:
+        return data
+    if inverted and (data.position is None or data.rotation is None):
+        hint = "leave out data: {direction: inverted}, or add the orientation"
+        raise InputError(Issue("only poses can be inverted", ("data", "direction"), "inverted", hint, data.file))
+    if data.position is None or data.rotation is None or (of_camera and not data.measured_axes.all()):
+        raise no_board_poses(data)
+    if of_camera and not (robot.base_free and robot.tool_free):
         hint = "write base: free and tool: free in the section robot"
         raise InputError(Issue("where the camera and the board are is not known", key, "camera", hint))
-    position, rotation = inverted_poses(data.position, data.rotation)
-    return replace(data, position=position, rotation=rotation, inverted=True)
-
-
-def _no_board_poses(data: Measurements) -> InputError:
-    """The file says that a camera reports poses of a board, and its rows hold none."""
-    hint = "add qw, qx, qy, qz, or a rotation vector (rx, ry, rz)"
-    message = "poses of a board have x, y, z and an orientation"
-    return InputError(Issue(message, ("data", "frame"), "camera", hint, data.file))
-
-
-def _with_instrument(data: Measurements, cells: Cells, problem: HasData, faults: Faults) -> Measurements:
-    """The rows with what they show of the pose, where that is neither a position nor a touched point."""
-    if "instrument" in cells.codes:
-        return _mixed(data, cells, problem, faults)
-    required = {k: k.required(problem.data, ()) for k in KINDS}
-    kind = next((k for k, own in required.items() if own and all(_is_read(name, cells) for name in own)), None)
-    if kind is None or data.position is not None or kind.kind == data.kind.kind:
-        return data
-    numbers = [_present_column(cells.number(column)) for column in kind.columns_in(problem.data)]
-    reading = np.column_stack([np.zeros((len(data), 0)), *numbers])
-    try:
-        instrument = kind.of(problem.data, data.point_names, data.second_names)
-        return _prepared(replace(data, reading=reading, instrument=instrument), problem)
-    except BadValueError as error:
-        raise InputError(Issue(error.message, ("data", kind.settings), hint=error.hint, file=data.file)) from None
-
-
-def _mixed(data: Measurements, cells: Cells, problem: HasData, faults: Faults) -> Measurements:
-    """The rows of several instruments, see `mixed_rows`.
-
-    Raises:
-        InputError: poses of a board without an orientation, or a σ of it; what a kind refuses.
-    """
-    of_board = problem.data.frame == "camera"
-    if of_board and data.rotation is None:
-        raise _no_board_poses(data)
-    if data.rotation is not None and not getattr(problem.measurement, ORIENTATION.key, None):
-        if of_board:
-            message, hint = "no σ of the orientation of a board is stated", "write 0.01 deg, say, as the camera is"
-            raise InputError(Issue(message, ("uncertainty", "measurement", ORIENTATION.key), hint=hint))
-        data = replace(data.without_orientation(), notes=(NO_ORIENTATION_NOTE,))
-    try:
-        found = mixed_rows(data, cells, problem.data, problem.robot.base_free, faults)
-        return found if found.part is None else _prepared(found, problem)
-    except BadValueError as error:
-        raise InputError(Issue(error.message, ("data",), hint=error.hint, file=data.file)) from None
-
-
-def _prepared(data: Measurements, problem: HasData) -> Measurements:
-    """The rows with reference values for what is unknown of their places, and the levers of their readings."""
-    q = carried_joint_values(problem.arm, data.q)
-    points, rotations = nominal_poses(problem.robot, q)
-    places = max(len(data.place_names), 1)
-    seen = data.seen(points.T, np.moveaxis(rotations, 0, -1).swapaxes(0, 1), np.zeros((places, data.kind.width)))
-    gravity = np.array(problem.robot.gravity)
-    up = -gravity / np.linalg.norm(gravity) if gravity.any() else np.array([0.0, 0.0, 1.0])
-    prepared = data.kind.prepared(seen, ~still_axes(problem.robot), up)
-    factors = problem.robot.factors
-    reached = walk(factors, factor_values(factors, [np.ascontiguousarray(column) for column in q.T]))
-    prepared = likeliest(prepared, problem.robot, reached, seen)
-    return replace(data, instrument=prepared, lever=prepared.levers(seen))
-
-
-def _is_read(name: str, cells: Cells) -> bool:
-    """Whether a column was in the file."""
-    return name in cells.numbers or name in cells.codes
+    position, rotation = data.position, data.rotation
+    for _ in range(inverted + of_camera):
+        position, rotation = inverted_poses(position, rotation)
+    return replace(data, position=position, rotation=rotation, inverted=of_camera and not inverted)
 
 
 def _approach_sides(
@@ -289,10 +196,10 @@ def _approach_sides(
     """Side and length (N, n) of the last moves, and whether the file states any side: what it states counts."""
     side, length = np.zeros_like(q), np.zeros_like(q)
     side[order], length[order] = _derived_approach(q[order], robots[order])
-    stated = {j: cells.number(f"{name}.approach") for j, name in enumerate(robot.joint_names)}
-    given = {j: values for j, values in stated.items() if values is not None}
-    for j, values in given.items():
-        side[:, j] = np.where(np.isnan(values), side[:, j], values)
+    given = {j: name for j, joint in enumerate(robot.joint_names) if (name := f"{joint}.approach") in cells.numbers}
+    for j, name in given.items():
+        stated = cells.present(name)
+        side[:, j] = np.where(np.isnan(stated), side[:, j], stated)
     return side, length, bool(given)
 
 
@@ -303,12 +210,6 @@ def _visits(pose: Codes, robots: Codes, order: Codes) -> Codes | None:
     place, visit = np.column_stack([pose, robots])[order], np.zeros(len(order), dtype=np.intp)
     visit[order] = np.cumsum(np.any(np.diff(place, axis=0, prepend=place[:1]) != 0, axis=1))
     return visit
-
-
-def _present_column(values: Array | None) -> Array:
-    """The column, which the header was checked for."""
-    assert values is not None, "a missing joint was refused with the header"
-    return values
 
 
 def _codes_of_rows(values: Array) -> Codes:
@@ -324,9 +225,8 @@ def _measured_position(cells: Cells, q: Array, robot: Robot, faults: Faults) -> 
     position = np.zeros((len(q), 3))
     still = still_axes(robot)
     for k, axis in enumerate(AXES):
-        values = cells.number(axis)
-        if values is not None:
-            position[:, k] = values
+        if axis in cells.numbers:
+            position[:, k] = cells.present(axis)
         elif still[k]:
             position[:, k] = nominal_poses(robot, q[:1])[0][0, k]
         else:
@@ -335,14 +235,8 @@ def _measured_position(cells: Cells, q: Array, robot: Robot, faults: Faults) -> 
 
 
 def _derived_approach(q: Array, robots: Codes) -> tuple[Array, Array]:
-    """Side and length (N, n), (N, n) [rad or m] of each joint's last move, from the row before of the same robot.
-
-    A joint that does not move keeps the side from which it came; in the first row both are 0.
-
-    Args:
-        q: (N, n) commands [rad or m].
-        robots: (N,) code of the robot.
-    """
+    """Side and length (N, n), (N, n) [rad or m] of each joint's last move, from the row before of the same robot."""
+    # q: (N, n) commands [rad or m]; robots: (N,) code of the robot
     side, length = np.zeros_like(q), np.zeros_like(q)
     for code in np.unique(robots):
         rows = np.flatnonzero(robots == code)
@@ -355,16 +249,18 @@ def _derived_approach(q: Array, robots: Codes) -> tuple[Array, Array]:
 
 
 def _check_limits(q: Array, robot: Robot, columns: dict[str, Column], line: Codes, faults: Faults) -> None:
-    """Joint values far beyond the limits are faults: one for a whole column that fits in another unit."""
     for values, joint in zip(q.T, robot.joints, strict=True):
-        column, turns = columns[joint.name], joint.type == "revolute"
+        turns = joint.type == "revolute"
         margin = TURN if turns else joint.upper - joint.lower
         beyond = np.flatnonzero((values > joint.upper + margin) | (values < joint.lower - margin))
+        if not len(beyond):
+            continue
+        column = columns[joint.name]
         other, ratio = ("deg", math.pi / 180) if turns else ("mm", 1e-3)
         text = f"more than {'a turn' if turns else 'their whole range'} beyond the limits"
         converted = values / column.factor * ratio
         fits = converted.max() <= joint.upper + margin and converted.min() >= joint.lower - margin
-        if len(beyond) and column.unit != other and fits:
+        if column.unit != other and fits:
             first, reach = int(line[beyond[0]]), np.abs(values).max() / column.factor
             message = f"values up to {reach:.4g} {column.unit} lie {text} ({len(beyond)} rows, first line {first})"
             faults.add(message, joint.name, None, f"they look like {other}: write {joint.name} [{other}]", first)
@@ -376,48 +272,39 @@ def _check_limits(q: Array, robot: Robot, columns: dict[str, Column], line: Code
             faults.add(message, joint.name, value, "correct the value or the joint's limits", int(line[row]))
 
 
-def _restarted_clock(data: Measurements) -> list[str]:
-    """A warning where the clock started anew."""
-    if data.time is None or data.visit is not None or not len(back := rows_back_in_time(data.time, data.robot)):
-        return []
-    lines = ", ".join(str(data.line[row]) for row in back)
-    return [
-        f"the time goes back at line {lines}, as if the clock had started anew: count it from the first row on, or a "
-        "drift, a slip or growth with time is not seen as it was"
-    ]
-
-
-def _sorted_rows(data: Measurements) -> tuple[str, ...]:
-    """That rows are in another order than they were made, where they are."""
-    if data.visit is None or data.time is None:
-        return ()
-    back = rows_back_in_time(data.time, data.robot)
+def _clock_notes(data: Measurements) -> tuple[list[str], tuple[str, ...]]:
+    """A warning where the clock started anew, and a note where rows are in another order than they were made."""
+    back = np.zeros(0, dtype=np.intp) if data.time is None else rows_back_in_time(data.time, data.robot)
+    if not len(back):
+        return [], ()
+    if data.visit is None:
+        lines = ", ".join(str(data.line[row]) for row in back)
+        return [
+            f"the time goes back at line {lines}, as if the clock had started anew: count it from the first row on, or "
+            "a drift, a slip or growth with time is not seen as it was"
+        ], ()
     rows = "1 row" if len(back) == 1 else f"{len(back)} rows"
-    return (f"times go back at {rows} (first line {data.line[back[0]]}): the row before one is that before it in time",)
+    first = data.line[back[0]]
+    return [], (f"times go back at {rows} (first line {first}): the row before one is that before it in time",)
 
 
 def _repeated_rows(data: Measurements) -> list[str]:
-    """A warning where rows are equal to the last digit, whatever their target: no instrument measures that twice."""
     if data.position is None:
         return []
-    parts = [data.q, data.position, *(part for part in (data.rotation,) if part is not None)]
-    extra = [
-        data.robot,
-        *(part for part in (data.time, data.temperature, data.payload) if part is not None),
-    ]
-    codes = _codes_of_rows(np.column_stack([*parts, *extra]))
+    further = (data.rotation, data.time, data.temperature, data.payload)
+    parts = [data.q, data.position, data.robot, *(part for part in further if part is not None)]
+    codes = _codes_of_rows(np.column_stack(parts))
     _, first = np.unique(codes, return_index=True)
     again = np.setdiff1d(np.arange(len(codes)), first)
     if not len(again):
         return []
-    pairs = [f"{data.line[row]} (of {data.line[first[codes[row]]]})" for row in again[:_MAX_LISTED_LINES]]
-    more = ", …" if len(again) > _MAX_LISTED_LINES else ""
+    pairs = [f"{data.line[row]} (of {data.line[first[codes[row]]]})" for row in again[:10]]
+    more = ", …" if len(again) > 10 else ""
     rows = "1 row repeats" if len(again) == 1 else f"{len(again)} rows repeat"
     return [f"{rows} an earlier one to the last digit, as if copied: lines {', '.join(pairs)}{more}"]
 
 
 def _moved_poses(data: Measurements) -> list[str]:
-    """A warning where rows of one ``pose`` have other commands."""
     if not data.pose_given:
         return []
     _, first, inverse = np.unique(data.pose, return_index=True, return_inverse=True)
@@ -433,15 +320,12 @@ def _moved_poses(data: Measurements) -> list[str]:
 
 
 def _idle_distances(data: Measurements, known: DataSpec) -> list[str]:
-    """A warning for each known distance to a point that no row touches."""
     names = data.point_names
     points = data.kind.touched_points(names)
+    named = dict.fromkeys(name for a, b, _ in known.distances for name in (a, b))
+    idle = [name for name in named if points and name not in points]
+    unseen = [name for name in data.kind.stated if data.kind.label and name not in names]
     return [
-        f"data.distances names the point '{name}', which no row touches; {did_you_mean(name, list(points))}"
-        for name in dict.fromkeys(name for a, b, _ in known.distances for name in (a, b))
-        if points and name not in points
-    ] + [
-        f"data.{data.kind.settings} names '{name}', which no row has; {did_you_mean(name, names)}"
-        for name in data.kind.stated
-        if data.kind.label and name not in names
+        *(f"data.distances names the point '{n}', which no row touches; {did_you_mean(n, list(points))}" for n in idle),
+        *(f"data.{data.kind.settings} names '{n}', which no row has; {did_you_mean(n, names)}" for n in unseen),
     ]

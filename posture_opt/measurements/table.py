@@ -2,76 +2,53 @@
 
 from __future__ import annotations
 
+import codecs
 import csv
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from io import TextIOWrapper
 from itertools import chain, islice
 from os import PathLike, fspath
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
 from posture_opt.errors import InputError, Issue
-from posture_opt.files import naming
+from posture_opt.files import naming, opened
 from posture_opt.measurements.data_section import DataSpec
-from posture_opt.measurements.faults import Faults
-from posture_opt.measurements.layout import BLANKS, Layout, is_number, split_cells
-from posture_opt.measurements.text_lines import WINDOWS_ENCODING, TextLine, encoding_of, lines_of
+from posture_opt.measurements.layout import BLANKS, Layout, TextLine, is_number, split_cells
 
-_BLOCK_ROWS = 8192
-"""Rows held as texts at a time."""
-_SAMPLE_LINES = 200
-"""Lines among which the header is looked for."""
+LINE_INDEX = "line"  # Name of a DataFrame's index that holds the lines of a file
+WINDOWS_ENCODING = "cp1252"  # What a text that is not UTF-8 is read as: a superset of Latin-1's printable characters
+MAX_BYTES = 2_000_000_000  # Largest file: ten million rows of 200 characters
+MAX_LINE_CHARACTERS = 100_000  # 20 joints with 20 digits each have 1000
+# The path of a text file, a pandas DataFrame, or a mapping from column header to values
 TableLike = str | PathLike[str] | Mapping[str, Any] | Any
-"""The path of a text file, a pandas DataFrame, or a mapping from column header to values."""
 
 
 @dataclass(frozen=True)
 class RowBlock:
-    """Some consecutive rows.
+    """Some consecutive rows."""
 
-    Args:
-        lines: (N,) their lines in the file.
-        cells: of each column (N,): texts, or an array of numbers.
-    """
-
-    lines: Sequence[int]
-    cells: Sequence[Sequence[Any]]
+    lines: Sequence[int]  # (N,) their lines in the file
+    cells: Sequence[Sequence[Any]]  # of each column (N,): texts, or an array of numbers
 
 
 @dataclass(frozen=True)
 class RawTable:
-    """A table whose cells are not read yet.
+    """A table whose cells are not read yet."""
 
-    Args:
-        titles: the column headers.
-        line: of the header; 0 for a table in memory.
-        blocks: the rows behind it; can be run through once.
-        faults: of the file, which grow while the blocks are read.
-        notes: what was taken for granted of the text.
-        separator: of its cells.
-    """
-
-    titles: tuple[str, ...]
-    line: int
-    blocks: Iterator[RowBlock]
-    faults: Faults
-    notes: tuple[str, ...] = ()
-    separator: str = ","
+    titles: tuple[str, ...]  # the column headers
+    line: int  # of the header; 0 for a table in memory
+    blocks: Iterator[RowBlock]  # the rows behind it; can be run through once
+    faults: Faults  # of the file, which grow while the blocks are read
+    notes: tuple[str, ...] = ()  # what was taken for granted of the text
+    separator: str = ","  # of its cells
 
 
 def open_table(source: TableLike, known: Collection[str] = (), spec: DataSpec | None = None) -> RawTable:
-    """The table in a text file, a pandas DataFrame or a mapping from column header to values.
-
-    Args:
-        source: the path, or the table.
-        known: names of columns, by which the header is found behind lines that an instrument writes before it.
-        spec: what is known of such files.
-
-    Raises:
-        InputError: no such file, not readable, empty, or nothing of the three. Ragged rows join ``faults``.
-    """
+    """The table in a text file, a pandas DataFrame or a mapping from column header to values."""
     if isinstance(source, str | PathLike):
         return _text_table(Path(fspath(source)), known, spec or DataSpec())
     if isinstance(source, Mapping):
@@ -86,16 +63,7 @@ def open_table(source: TableLike, known: Collection[str] = (), spec: DataSpec | 
     raise InputError(Issue(f"measurements are a CSV file or a pandas DataFrame, not {kind}", hint="give the path"))
 
 
-LINE_INDEX = "line"
-"""Name of a DataFrame's index that holds the lines of a file."""
-
-
 def _memory_table(columns: Any, lines: Sequence[int] | None = None, file: str | None = None) -> RawTable:
-    """The table of columns (header, values); ``lines`` and ``file`` of one that was read from a file before.
-
-    Raises:
-        InputError: columns of different lengths, or none.
-    """
     titles, cells = [], []
     for title, values in columns:
         titles.append(title)
@@ -110,18 +78,13 @@ def _memory_table(columns: Any, lines: Sequence[int] | None = None, file: str | 
 
 
 def _text_table(path: Path, known: Collection[str], spec: DataSpec) -> RawTable:
-    """The table in a text file, whose rows are read while its blocks are run through.
-
-    Raises:
-        InputError: no such file, empty, or no plain text.
-    """
     faults = Faults(str(path))
     try:
         encoding = encoding_of(path, faults)
     except InputError as error:
         raise naming(path, error) from None
-    lines = (line for line in _readable_lines(path, encoding, faults) if line.text.strip())
-    sample = list(islice(lines, _SAMPLE_LINES))
+    lines = (line for line in lines_of(path, encoding, faults) if line.text.strip())
+    sample = list(islice(lines, 200))  # the header is among them
     if not sample:
         faults.stop("the file is empty", "the first line names the columns, for example: joint1 [deg], x [mm], y [mm]")
     titles = {str(title) for title in spec.columns.values() if isinstance(title, str)}
@@ -129,36 +92,14 @@ def _text_table(path: Path, known: Collection[str], spec: DataSpec) -> RawTable:
     if not all(title.strip().isprintable() for title in layout.titles):
         faults.stop("the header is no plain text", "is it a CSV file, with its quotes closed?", layout.line)
     rest = (line for line in chain(sample, lines) if line.number > layout.last)
-    rows = _cell_rows(rest, layout, faults)
-    blocks = _row_blocks(rows, len(layout.titles), faults)
-    notes = _text_notes(encoding, layout)
-    return RawTable(layout.titles, layout.line, blocks, faults, notes, layout.separator)
-
-
-def _text_notes(encoding: str, layout: Layout) -> tuple[str, ...]:
-    """What was taken for granted of the text."""
-    notes = []
-    if encoding == WINDOWS_ENCODING:
-        notes.append("the file is not UTF-8 and was read as Windows-1252 (Latin-1)")
+    blocks = _row_blocks(_cell_rows(rest, layout, faults), len(layout.titles), faults)
+    notes = ["the file is not UTF-8 and was read as Windows-1252 (Latin-1)"] * (encoding == WINDOWS_ENCODING)
     if layout.skipped:
         notes.append(f"{layout.skipped} {'line' if layout.skipped == 1 else 'lines'} before the header were skipped")
-    return tuple(notes)
-
-
-def _readable_lines(path: Path, encoding: str, faults: Faults) -> Iterator[TextLine]:
-    """The lines of a file.
-
-    Raises:
-        InputError: bytes that are no text in that encoding.
-    """
-    try:
-        yield from lines_of(path, encoding, faults)
-    except UnicodeDecodeError as error:
-        faults.stop(f"not UTF-8 text (byte 0x{error.object[error.start]:02x})", "save the file as UTF-8")
+    return RawTable(layout.titles, layout.line, blocks, faults, tuple(notes), layout.separator)
 
 
 def _cell_rows(lines: Iterator[TextLine], layout: Layout, faults: Faults) -> Iterator[tuple[int, list[str]]]:
-    """Line and cells of every row that is no comment."""
     at = [0]
 
     def texts() -> Iterator[str]:
@@ -179,34 +120,114 @@ def _cell_rows(lines: Iterator[TextLine], layout: Layout, faults: Faults) -> Ite
 
 
 def _row_blocks(rows: Iterator[tuple[int, list[str]]], width: int, faults: Faults) -> Iterator[RowBlock]:
-    """Blocks of rows of ``width`` cells; rows of another width are faults."""
     lines: list[int] = []
     kept: list[list[str]] = []
     for line, row in rows:
-        if len(row) != width and not _fits_width(row, width):
+        while len(row) > width and not row[-1].strip():  # some instruments end their rows with a separator
+            row.pop()
+        if len(row) != width:
             _ragged_fault(row, width, line, faults)
             continue
         lines.append(line)
         kept.append(row)
-        if len(kept) == _BLOCK_ROWS:
+        if len(kept) == 8192:  # rows held as texts at a time
             yield RowBlock(lines, list(zip(*kept, strict=True)))
             lines, kept = [], []
     if kept:
         yield RowBlock(lines, list(zip(*kept, strict=True)))
 
 
-def _fits_width(row: list[str], width: int) -> bool:
-    """Drops empty cells behind the last column, as some instruments end their rows; whether it fits then."""
-    while len(row) > width and not row[-1].strip():
-        row.pop()
-    return len(row) == width
-
-
 def _ragged_fault(row: list[str], width: int, line: int, faults: Faults) -> None:
-    """The fault of a row of another width; decimal commas are the likely cause of up to twice as many cells."""
+    hint = "put a cell with a comma in quotes"
+    if len(row) < width:
+        hint = "a row that broke off? fill in what is missing, or leave it out"
+    elif len(row) <= 2 * width and all(map(is_number, row)):
+        hint = "decimal commas? then separate the columns by semicolons"
     cells = "1 cell" if len(row) == 1 else f"{len(row)} cells"
-    halves = width < len(row) <= 2 * width and all(map(is_number, row))
-    few = "a row that broke off? fill in what is missing, or leave it out"
-    many = "decimal commas? then separate the columns by semicolons" if halves else "put a cell with a comma in quotes"
-    hint = few if len(row) < width else many
     faults.add(f"{cells} in the row, {width} columns in the header", hint=hint, line=line)
+
+
+class Faults:
+    """Issues of one file: of those of one column with one hint the first are kept, all are counted."""
+
+    def __init__(self, file: str) -> None:
+        self.file = file
+        self.count: int = 0
+        self._kept: dict[tuple[str, str], list[Issue]] = {}
+        self._more: dict[tuple[str, str], list[int]] = {}
+
+    def add(self, message: str, column: str = "", value: object = None, hint: str = "", line: int = 0,
+            id: str = "input.invalid") -> None:  # fmt: skip
+        """Add one fault."""
+        self.count += 1
+        alike = (column, hint or message)
+        kept = self._kept.setdefault(alike, [])
+        if len(kept) < 3 or not line:
+            kept.append(Issue(message, (column,) if column else (), value, hint, self.file, line, id))
+        else:
+            self._more.setdefault(alike, []).append(line)
+
+    def refuse(self) -> None:
+        """Ends the reading where anything was wrong."""
+        if not self.count:
+            return
+        issues = sorted((issue for kept in self._kept.values() for issue in kept), key=lambda issue: issue.line)
+        rest = []
+        for (column, _), lines in self._more.items():
+            rows = "1 more row like these (line" if len(lines) == 1 else f"{len(lines)} more rows like these (lines"
+            where = f"{lines[0]}" if len(lines) == 1 else f"{min(lines)} to {max(lines)}"
+            rest.append(Issue(f"{rows} {where})", (column,) if column else (), file=self.file))
+        left = len(issues) - 20  # a file of another kind has a fault in every cell: the first ones show what is wrong
+        if left > 0:
+            rest.append(Issue(f"{left} more {'fault' if left == 1 else 'faults'}", file=self.file))
+        raise InputError([*issues[:20], *rest])
+
+    def stop(self, message: str, hint: str = "", line: int = 0) -> NoReturn:
+        """Add a fault behind which nothing more can be read."""
+        self.add(message, hint=hint, line=line)
+        self.refuse()
+        raise AssertionError("a fault was added")
+
+
+# The longer ones first
+_BYTE_ORDER_MARKS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
+
+
+def encoding_of(path: Path, faults: Faults) -> str:
+    """How the text of a file is encoded: by its byte order mark, else UTF-8 where it is that, else Windows-1252."""
+    decoder = codecs.getincrementaldecoder("utf-8")()
+    with opened(path, MAX_BYTES) as stream:
+        start = chunk = stream.read(1 << 20)
+        if found := next((name for mark, name in _BYTE_ORDER_MARKS.items() if start.startswith(mark)), ""):
+            return found
+        if b"\0" in start:  # UTF-16 without its mark has a zero byte in nearly every other place
+            even, odd = start[0::2].count(0), start[1::2].count(0)
+            if max(even, odd) < len(start) / 4 or min(even, odd) > len(start) / 40:
+                faults.stop("the header is no plain text", "is it a CSV file?", 1)
+            return "utf-16-le" if odd > even else "utf-16-be"
+        try:
+            while chunk:
+                decoder.decode(chunk)
+                chunk = stream.read(1 << 20)
+            decoder.decode(b"", final=True)
+        except UnicodeDecodeError:
+            return WINDOWS_ENCODING
+    return "utf-8-sig"
+
+
+def lines_of(path: Path, encoding: str, faults: Faults) -> Iterator[TextLine]:
+    """The lines of a file, counted from 1, none so long that it fills the memory."""
+    with opened(path, MAX_BYTES) as stream, TextIOWrapper(stream, encoding) as lines:
+        number = 0
+        while text := _next_line(lines, faults):
+            number += 1
+            if len(text) == MAX_LINE_CHARACTERS:
+                faults.stop(f"the line has more than {MAX_LINE_CHARACTERS} characters", "is it a CSV file?", number)
+            yield TextLine(number, text.rstrip("\n"))
+
+
+def _next_line(lines: TextIOWrapper, faults: Faults) -> str:
+    try:
+        return lines.readline(MAX_LINE_CHARACTERS)
+    except UnicodeDecodeError as error:
+        faults.stop(f"not UTF-8 text (byte 0x{error.object[error.start]:02x})", "save the file as UTF-8")

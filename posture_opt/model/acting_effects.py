@@ -19,15 +19,10 @@ if TYPE_CHECKING:  # a plain chain needs none of the effects, which are many fil
 
 @dataclass(frozen=True)
 class MeasuredRange:
-    """An effect that is known between two values of its joint only, and a joint that may leave them.
+    """An effect that is known between two values of its joint only, and a joint that may leave them."""
 
-    Args:
-        effect: which is not corrected beyond; ``name`` that of the error that it is there.
-        joint: index; ``low``, ``high`` [rad].
-    """
-
-    effect: Effect
-    joint: int
+    effect: Effect  # which is not corrected beyond
+    joint: int  # index of the joint; low, high: its values [rad]
     low: float
     high: float
 
@@ -37,7 +32,6 @@ class MeasuredRange:
         return f"{self.effect.name}.unmeasured"
 
     def to_json(self) -> dict[str, Json]:
-        """Plain data, SI units and radians."""
         effect = {"kind": self.effect.kind, "target": self.effect.target}
         return {"effect": effect, "range": [self.low, self.high], "size": self.effect.unmeasured_size}
 
@@ -47,35 +41,27 @@ class MeasuredRange:
         return 1.0 * (value >= self.low - _EDGE_RAD) * (value <= self.high + _EDGE_RAD)
 
     def beyond(self, q: Sequence[Scalar]) -> Sensitivity:
-        """What one standard deviation of the unknown error does to the joint [rad] at the joints q (n,)."""
+        """One standard deviation of the unknown error as an increment of the joint [rad] at the joints q (n,)."""
         return self.effect.unknown_beyond(self.joint, 1.0 - self.inside(q))
 
 
+# What a joint may leave a measured range by: compensation moves it by less, and its edge is not sharp
 _EDGE_RAD = math.radians(0.5)
-"""What a joint may leave a measured range by: compensation moves it by less, and its edge is not sharp."""
 
+# A sum of sensitivities, each with its weight in the unit of its parameter [SI]
 Weighted = list[tuple[Scalar, "Sensitivity"]]
-"""A sum of sensitivities, each with its weight in the unit of its parameter [SI]."""
 
+# Step of central differences by a shape, in its own or its logarithm's unit: the derivative is good to 1e-6 of itself
 _SHAPE_STEP = 1e-3
-"""Step of central differences by a shape, in its own or its logarithm's unit: the derivative is good to 1e-6 of
-itself.
-"""
 
 
 @dataclass(frozen=True)
 class ActingEffects:
-    """Effects of a robot with the sizes of their estimates, under inputs that say how far they act.
+    """Effects of a robot with the sizes of their estimates, under inputs that say how far they act."""
 
-    Args:
-        robot: the chain that they act on.
-        effects: with their estimates; none for a plain chain.
-        inputs: payload, temperature, time and sides of approach under which the effects act.
-    """
-
-    robot: Robot
-    effects: tuple[Effect, ...]
-    inputs: Inputs
+    robot: Robot  # the chain that they act on
+    effects: tuple[Effect, ...]  # with their estimates; none for a plain chain
+    inputs: Inputs  # payload, temperature, time and sides of approach under which the effects act
 
     @cached_property
     def parameters(self) -> tuple[str, ...]:
@@ -113,16 +99,8 @@ class ActingEffects:
         return tuple(value for effect in self.effects for value in effect.values)
 
     def in_size(self, q: Sequence[Scalar], p: Mapping[str, Scalar], ones: Sequence[Sensitivity]) -> Weighted:
-        """What all effects do, each with the size of its parameter: the estimate and its deviation in ``p``.
-
-        Args:
-            q: (n,) commanded joints [rad or m]: numbers, arrays (N,) or CasADi expressions.
-            p: name -> deviation [SI], of geometry, effects, shapes and unknown sides (−1 or +1).
-            ones: of all parameters, `sensitivities`.
-
-        Returns:
-            Pairs of a size and what one unit of it does, to be summed.
-        """
+        """Pairs of a size [SI], estimate and deviation in ``p``, and the effect of one unit of it at joints q (n,) [rad
+        or m]."""
         sizes = [v + p.get(name, 0.0) for name, v in zip(self.parameters, self.estimates, strict=True)]
         parts = list(zip(sizes, ones, strict=True))
         for found in self.ranges.values():
@@ -136,13 +114,8 @@ class ActingEffects:
     def per_unit(
         self, q: Sequence[Scalar], p: Mapping[str, Scalar], known: Sequence[Sensitivity] = ()
     ) -> dict[str, Weighted]:
-        """What one unit of every parameter and of every unknown side does, to first order.
-
-        Args:
-            q: (n,) commanded joints [rad or m].
-            p: deviations of the geometry and of shapes at which the derivative is taken [SI].
-            known: `sensitivities` there, where they are at hand.
-        """
+        """Effects of one unit of every parameter and unknown side at q (n,) [rad or m] and deviations p [SI], to first
+        order."""
         ones = zip(self.parameters, known or self.sensitivities(q, p), strict=True)
         found: dict[str, Weighted] = {name: [(1.0, one)] for name, one in ones}
         found |= {there.name: [(1.0, there.beyond(q))] for there in self.ranges.values()}
@@ -151,13 +124,8 @@ class ActingEffects:
         return found
 
     def per_shape(self, name: str, q: Sequence[Scalar], p: Mapping[str, Scalar]) -> Weighted:
-        """The derivative by a shape: central differences of what its effect does with its present size.
-
-        Args:
-            name: a key of `shapes`.
-            q: (n,) commanded joints [rad or m].
-            p: deviations [SI], that of the shape among them; numbers only, as a shape is no symbol.
-        """
+        """The derivative by a shape [SI] in central differences, at q (n,) [rad or m]; numbers only, a shape is no
+        symbol."""
         place = self.shapes[name]
         first = sum(len(effect.dimensions) for effect in self.effects[:place])
         state, at, found = self._bare_state(q, p, self.inputs), float(p.get(name, 0.0)), []
@@ -186,7 +154,7 @@ class ActingEffects:
         return [one for place, effect in enumerate(effects) for one in self._known(place, effect, state)]
 
     def _known(self, place: int, effect: Effect, state: ArmState) -> tuple[Sensitivity, ...]:
-        """What the effect at a ``place`` does, in the shape of ``effect``; nothing beyond its measured range."""
+        """The effect at a ``place`` in the shape of ``effect``; nothing beyond its measured range."""
         ones = effect.sensitivities(state)
         if place not in self.ranges:
             return ones
@@ -196,9 +164,6 @@ class ActingEffects:
     def _side_sensitivities(
         self, q: Sequence[Scalar], p: Mapping[str, Scalar]
     ) -> dict[str, list[tuple[int, Sensitivity]]]:
-        """For each unknown side what arriving increasing (+1) does: index of the parameter, and what one unit of it
-        does.
-        """
         state = self._bare_state(q, p, replace(self.inputs, approach=[1.0] * self.robot.n))
         found: dict[str, list[tuple[int, Sensitivity]]] = {side: [] for side in self.unknown_sides}
         place = 0
@@ -209,5 +174,4 @@ class ActingEffects:
         return found
 
     def _lacks_side(self, effect: Effect) -> bool:
-        """Whether an effect depends on the side from which its joint arrives, and no task states it."""
         return "approach" in effect.needs and effect.target not in self.inputs.stated

@@ -39,10 +39,8 @@ from posture_opt.robot.robot import Robot
 if TYPE_CHECKING:  # a plain chain needs none of the effects, which are many files
     from posture_opt.model.effects.base.effect import Effect, Sensitivity
 
+# Shift (3,) [m] of the tool point and small rotation (3,) [rad] of the tool (v, ω), world axes, per unit of a parameter
 Twist = tuple[Vector, Vector]
-"""Shift (3,) [m] of the tool point and small rotation (3,) [rad] of the tool ``(v, ω)``, world axes, per unit of a
-parameter.
-"""
 
 
 class HasArm(Protocol):
@@ -54,19 +52,12 @@ class HasArm(Protocol):
 
 @dataclass(frozen=True)
 class Reached:
-    """Where the tool comes to, and how: the chain with its effects at one posture, or at N of them.
+    """The chain with its effects at one posture, or at N of them."""
 
-    Args:
-        walk: pose of the tool and the screw of every factor.
-        values: the value of every factor, effects included [rad or m].
-        shift: (3,) what effects add to the tool point behind the chain, world [m].
-        ones: what one unit of each parameter of the effects does there.
-    """
-
-    walk: Walk
-    values: list[Scalar]
-    shift: Vector
-    ones: Sequence[Sensitivity] = ()
+    walk: Walk  # pose of the tool and the screw of every factor
+    values: list[Scalar]  # the value of every factor, effects included [rad or m]
+    shift: Vector  # (3,) what effects add to the tool point behind the chain, world [m]
+    ones: Sequence[Sensitivity] = ()  # what one unit of each parameter of the effects does there
 
 
 @dataclass(frozen=True)
@@ -317,7 +308,6 @@ class Arm:
 
     @cached_property
     def _acting_effects(self) -> ActingEffects:
-        """The effects with their inputs."""
         return ActingEffects(self.robot, self.effects, self.inputs)
 
     @cached_property

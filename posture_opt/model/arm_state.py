@@ -13,36 +13,26 @@ from posture_opt.model.chain import ZERO, Scalar, Vector, Walk, add, cross, dot,
 from posture_opt.numerics import Codes
 from posture_opt.robot.robot import Robot
 
+# degC at which the lengths of a model hold (ISO 1); a task without a temperature is done there
 REFERENCE_TEMPERATURE = 20.0
-"""degC at which the lengths of a model hold (ISO 1); a task without a temperature is done there."""
 
 
-MIN_LEANING_SINE = 0.1
-"""Sine of the tilt of an axis below which gravity loads its joint with next to nothing: 6°."""
+MIN_LEANING_SINE = 0.1  # Sine of the tilt of an axis below which gravity loads its joint with next to nothing: 6°
 
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """Inputs of effects at one posture, or at N of them as arrays (N,).
+    """Inputs of effects at one posture, or at N of them as arrays (N,)."""
 
-    Args:
-        payload: mass at the tool point [kg].
-        approach: (n,) +1 where the joint value was increasing on arrival, −1 where it was decreasing, 0 where that is
-            not known. Empty: all unknown.
-        approach_length: (n,) length of that last move [rad or m]; empty: long moves.
-        temperature: above the reference temperature [K].
-        time: since the first measurement [s]; rows are counted where no time is given.
-        stated: names of the joints whose side is known.
-        speed: (n,) of the joints at the moment of the row [rad/s or m/s]; empty: at rest.
-    """
-
-    payload: Scalar = 0.0
+    payload: Scalar = 0.0  # mass at the tool point [kg]
+    # (n,) +1 where the joint value was increasing on arrival, −1 where it was decreasing, 0 where that is not known.
+    # Empty: all unknown
     approach: Sequence[Scalar] = ()
-    approach_length: Sequence[Scalar] = ()
-    temperature: Scalar = 0.0
-    time: Scalar = 0.0
-    stated: tuple[str, ...] = ()
-    speed: Sequence[Scalar] = ()
+    approach_length: Sequence[Scalar] = ()  # (n,) length of that last move [rad or m]; empty: long moves
+    temperature: Scalar = 0.0  # above the reference temperature [K]
+    time: Scalar = 0.0  # since the first measurement [s]; rows are counted where no time is given
+    stated: tuple[str, ...] = ()  # names of the joints whose side is known
+    speed: Sequence[Scalar] = ()  # (n,) of the joints at the moment of the row [rad/s or m/s]; empty: at rest
 
     def take(self, rows: Codes) -> Inputs:
         """The inputs of some of N postures, by index; the time stays the one since the first measurement of all."""
@@ -52,9 +42,7 @@ class Inputs:
         )  # fmt: skip
 
     def side(self, joint: int) -> Scalar:
-        """The side from which a joint arrived: +1 as its value increased, −1 as it decreased, 0 where it is not
-        known.
-        """
+        """Side of arrival: +1 as the joint value increased, −1 as it decreased, 0 if unknown."""
         return self.approach[joint] if len(self.approach) else 0.0
 
     def travel(self, joint: int) -> Scalar:
@@ -62,42 +50,22 @@ class Inputs:
         return self.approach_length[joint] if len(self.approach_length) else 1e6
 
 
-@dataclass(frozen=True)
-class Frame:
-    """A frame of the chain in the world.
-
-    Args:
-        columns: (3, 3) x, y and z axis, the columns of its rotation.
-        origin: (3,) [m].
-    """
-
-    columns: tuple[Vector, Vector, Vector]
-    origin: Vector
-
-    def point(self, local: Sequence[float]) -> Vector:
-        """The point (3,) with these coordinates [m] in the frame, in the world [m]."""
-        moved = self.origin
-        for axis in range(3):
-            moved = add(moved, scale(local[axis], self.columns[axis]))
-        return moved
+def _placed(frame: Walk, local: Sequence[float]) -> Vector:
+    """The point (3,) of a frame in the world [m]."""
+    (a, b, c), (x, y, z) = frame.columns, local
+    return add(add(add(frame.position, scale(x, a)), scale(y, b)), scale(z, c))
 
 
 @dataclass(frozen=True, eq=False)
 class ArmState:
-    """The arm without effects at the commanded joints ``q`` under ``inputs``: one posture, or N of them.
+    """The arm without effects at the commanded joints ``q`` under ``inputs``: one posture, or N of them."""
 
-    Args:
-        robot: the chain, with masses and gravity.
-        q: (n,) commanded joints [rad or m]: numbers, arrays (N,) or CasADi expressions.
-        inputs: payload, temperature, time, sides.
-        p: deviations of parameters from the file's arm, of frames that were found from data for example [rad or m].
-        carried: joint index -> how far whole joints are off their commands, as another joint carries them along [rad].
-    """
-
-    robot: Robot
-    q: Sequence[Scalar]
-    inputs: Inputs = field(default_factory=Inputs)
+    robot: Robot  # the chain, with masses and gravity
+    q: Sequence[Scalar]  # (n,) commanded joints [rad or m]: numbers, arrays (N,) or CasADi expressions
+    inputs: Inputs = field(default_factory=Inputs)  # payload, temperature, time, sides
+    # deviations of parameters from the file's arm, of frames that were found from data for example [rad or m]
     p: Mapping[str, Scalar] = field(default_factory=dict)
+    # joint index -> how far whole joints are off their commands, as another joint carries them along [rad]
     carried: Mapping[int, Scalar] = field(default_factory=dict)
 
     @cached_property
@@ -117,14 +85,14 @@ class ArmState:
         return self.walk.position
 
     @cached_property
-    def frames(self) -> tuple[Frame, ...]:
+    def frames(self) -> tuple[Walk, ...]:
         """(n,) the frame behind every joint, which moves with its link."""
         found, first = [], len(self.robot.base)
         here = walk(self.robot.base, self._factor_values[:first])
         for link in self.robot.links:
             here = walk(link, self._factor_values[first : first + len(link)], here)
             first += len(link)
-            found.append(Frame(here.columns, here.position))
+            found.append(here)
         return tuple(found)
 
     def axis(self, joint: int) -> tuple[Vector, Vector]:
@@ -133,11 +101,8 @@ class ArmState:
         return screw.axis, screw.origin
 
     def leaning(self, joint: int) -> float:
-        """Sine of the largest angle between the axis of a joint and the vertical over all postures; 1 of a prismatic
-        joint.
-
-        Below `MIN_LEANING_SINE` gravity hardly loads the joint. Without gravity it is 1 as well.
-        """
+        """Sine of the largest angle of a joint's axis to the vertical over all postures; 1 of slides and without
+        gravity."""
         axis, g = self.axis(joint)[0], self.robot.gravity
         weight = math.hypot(*g)
         if self.robot.joints[joint].type == "prismatic" or not weight:
@@ -147,10 +112,8 @@ class ArmState:
 
     @property
     def weighed(self) -> bool:
-        """Whether mass and centre of mass of every link are known.
-
-        The first link may lack them where its joint turns about the vertical: its weight then loads no joint.
-        """
+        """Whether all masses and centres are known, but of a first link that turns about the vertical: it loads no
+        joint."""
         joints = self.robot.joints
         axis, g = self.axis(0)[0], self.robot.gravity
         upright = joints[0].type == "revolute" and all(abs(v) < 1e-2 * math.hypot(*g) for v in cross(axis, g))
@@ -158,22 +121,17 @@ class ArmState:
 
     @cached_property
     def loads(self) -> tuple[tuple[int, Scalar, Vector], ...]:
-        """(joint index that carries it, mass [kg], place (3,) in the world [m]) of every known link, the payload
-        last.
-        """
+        """(joint that carries it, mass [kg], place (3,) in the world [m]) of every known link, the payload last."""
         links = [
-            (i, joint.mass, self.frames[i].point(joint.com))
+            (i, joint.mass, _placed(self.frames[i], joint.com))
             for i, joint in enumerate(self.robot.joints)
             if math.isfinite(joint.mass) and joint.mass > 0 and all(map(math.isfinite, joint.com))
         ]
         return (*links, (self.robot.n - 1, self.inputs.payload, self.tool))
 
     def torque(self, joint: int) -> Scalar:
-        """The generalised force of gravity on a joint [N m, or N], positive in the joint's positive direction.
-
-        ``τ_j = Σ_k m_k (a_j × (x_k − o_j)) · g`` over all loads that the joint carries; ``a_j · g`` per mass of a
-        slide.
-        """
+        """Gravity on a joint [N m, or N]: ``τ_j = Σ_k m_k (a_j × (x_k − o_j)) · g`` over its loads, ``a_j · g`` of a
+        slide."""
         total: Scalar = 0.0
         for carrier, mass, place in self.loads:
             if carrier >= joint:
@@ -181,7 +139,7 @@ class ArmState:
         return total
 
     def payload_torque(self, joint: int) -> Scalar:
-        """The part of `torque` that comes from the payload [N m, or N]."""
+        """The payload's part of `torque` [N m, or N]."""
         return self.inputs.payload * self.unit_torque(joint, self.tool)
 
     def unit_torque(self, joint: int, place: Vector) -> Scalar:
@@ -193,13 +151,8 @@ class ArmState:
         return dot(cross(axis, subtract(place, origin)), g)
 
     def moment(self, carrier: int, about: Vector) -> Vector:
-        """The moment (3,) about a point of the weights of all links behind joint ``carrier`` and of the payload [N m],
-        world.
-
-        Args:
-            carrier: index of a joint; −1 counts every link.
-            about: (3,) the point [m], world.
-        """
+        """Moment (3,) [N m] about a point (3,) [m], world, of all weights behind joint ``carrier``; −1 counts every
+        link."""
         total = ZERO
         for behind, mass, place in self.loads:
             if behind > carrier:

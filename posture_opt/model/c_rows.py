@@ -8,16 +8,94 @@ row is a lane.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import casadi as ca
 
-from posture_opt.model.steps import Steps
+SINE_OPERATIONS = (ca.OP_SIN, ca.OP_COS)  # Operations that C text computes for many angles at once
 
-LANES = 8
-"""Rows side by side: two vectors of AVX2, four of SSE2; 32 are no faster, and the block fits the first cache."""
 
+@dataclass(frozen=True)
+class Step:
+    """One operation of CasADi on the results of earlier steps."""
+
+    operation: int  # CasADi's code of it, ca.OP_…
+    arguments: tuple[int, ...] = ()  # numbers of the steps that it works on
+    value: float = 0.0  # of a constant; entry: of an input, which one and which of its entries
+    entry: tuple[int, int] = (0, 0)
+
+
+@dataclass(frozen=True, eq=False)
+class Steps:
+    """The steps of an SX function with dense outputs."""
+
+    steps: tuple[Step, ...]  # (k,) in an order in which they can be done; no two are equal
+    outputs: tuple[tuple[int, ...], ...]  # of every output, the step of each of its entries, column by column
+
+    @classmethod
+    def of(cls, function: ca.Function) -> Steps:
+        """Read CasADi's instructions, whose work variables are written many times, as steps written once."""
+        written: dict[Step, int] = {}
+        at: dict[int, int] = {}
+        outputs = [[0] * function.nnz_out(i) for i in range(function.n_out())]
+        for k in range(function.n_instructions()):
+            operation, given = function.instruction_id(k), function.instruction_input(k)
+            into = function.instruction_output(k)
+            if operation == ca.OP_OUTPUT:
+                outputs[into[0]][into[1]] = at[given[0]]
+                continue
+            if operation == ca.OP_INPUT:
+                step = Step(operation, entry=(given[0], given[1]))
+            elif operation == ca.OP_CONST:
+                step = Step(operation, value=float(function.instruction_constant(k)))
+            else:
+                step = Step(operation, tuple(at[g] for g in given))
+            at[into[0]] = written.setdefault(step, len(written))
+        return cls(tuple(written), tuple(map(tuple, outputs)))
+
+    def needed(self, wanted: Iterable[int], known: frozenset[int] = frozenset()) -> list[int]:
+        """The steps that the wanted ones follow from, in order, not followed beyond the ``known`` ones."""
+        found: set[int] = set()
+        waiting = [k for k in wanted if k not in known]
+        while waiting:
+            k = waiting.pop()
+            if k not in found:
+                found.add(k)
+                waiting += [argument for argument in self.steps[k].arguments if argument not in known]
+        return sorted(found)
+
+    @cached_property
+    def angles(self) -> tuple[tuple[int, ...], ...]:
+        """Steps whose sine or cosine is taken, in rounds: an angle depends on sines and cosines of earlier rounds
+        alone."""
+        depth: list[int] = []
+        rounds: list[dict[int, None]] = []
+        for step in self.steps:
+            below = max((depth[k] for k in step.arguments), default=0)
+            if step.operation in SINE_OPERATIONS:
+                while len(rounds) <= below:
+                    rounds.append({})
+                rounds[below][step.arguments[0]] = None
+                below += 1
+            depth.append(below)
+        return tuple(map(tuple, rounds))
+
+    @cached_property
+    def angle_numbers(self) -> dict[int, int]:
+        """Step of each angle -> its place among all, round after round."""
+        return {k: i for i, k in enumerate(k for angles in self.angles for k in angles)}
+
+    @cached_property
+    def turns(self) -> frozenset[int]:
+        """The steps that are a sine or a cosine."""
+        return frozenset(k for k, step in enumerate(self.steps) if step.operation in SINE_OPERATIONS)
+
+
+LANES = 8  # Rows side by side: two vectors of AVX2, four of SSE2; 32 are no faster, and the block fits the first cache
+
+# CasADi's operation -> C text of it; an operation that is missing here is a defect
 _OPERATIONS = {
     ca.OP_ADD: "{0} + {1}", ca.OP_SUB: "{0} - {1}", ca.OP_MUL: "{0} * {1}", ca.OP_DIV: "{0} / {1}",
     ca.OP_ASSIGN: "{0}", ca.OP_NEG: "-{0}", ca.OP_SQ: "{0} * {0}", ca.OP_TWICE: "2.0 * {0}", ca.OP_INV: "1.0 / {0}",
@@ -33,8 +111,8 @@ _OPERATIONS = {
     ca.OP_TANH: "tanh({0})", ca.OP_SINH: "sinh({0})", ca.OP_COSH: "cosh({0})", ca.OP_ERF: "erf({0})",
     ca.OP_LOG1P: "log1p({0})", ca.OP_EXPM1: "expm1({0})",
 }  # fmt: skip
-"""CasADi's operation -> C text of it; an operation that is missing here is a defect."""
 
+# C text of the sines and cosines of many angles; its comment has method and sources
 _SINES = """
 /* Sines and cosines of many angles without branches: Cody and Waite's reduction by pi/2 in three parts, then the
  * polynomials of fdlibm (Sun Microsystems, 1993, k_sin.c and k_cos.c). Right to 2e-16 for angles below a million; for
@@ -70,7 +148,6 @@ PO_CLONES static void po_sines(const double* restrict x, double* restrict s, dou
   }
 }
 """
-"""C text of the sines and cosines of many angles; its comment has method and sources."""
 
 # GCC on x86-64 and Linux: a second version for processors with AVX2, chosen when the program starts. Neither has fused
 # multiply-add, so both give the same digits.
@@ -115,13 +192,7 @@ class CFunction:
 
 
 def one_text(steps: Steps, face: CFunction, shared: bool) -> str:
-    """The C text of the function for one row.
-
-    Args:
-        steps: the expression graph.
-        face: name, inputs and outputs.
-        shared: whether outputs use what the ones before them have computed; else each is computed alone.
-    """
+    """The C text of the function for one row."""
     writer = _Writer(steps, tuple(key for key, _ in face.inputs), 1)
     lines = [*writer.turns(), *(writer.chained(face.keys) if shared else writer.alone(face.keys))]
     ignored = [f"  (void){key};" for key, _ in face.inputs]
@@ -134,9 +205,7 @@ def preamble_text(steps: Steps) -> str:
 
 
 def rows_text(steps: Steps, face: CFunction) -> str:
-    """The C text of the function for many rows, `LANES` of them at a time; a block that is not full repeats its last
-    row.
-    """
+    """The C text for many rows, `LANES` at a time; a block that is not full repeats its last row."""
     writer = _Writer(steps, tuple(key for key, _ in face.inputs), LANES)
     every = [*face.inputs, *face.outputs]
     inputs = [f"const double* restrict {key}" for key, _ in face.inputs]
@@ -160,17 +229,11 @@ def rows_text(steps: Steps, face: CFunction) -> str:
 
 @dataclass(frozen=True)
 class _Writer:
-    """Lines of C for steps; names of its own end in an underscore, so that arguments may have any that do not.
+    """Lines of C for steps; names of its own end in an underscore, so that arguments may have any that do not."""
 
-    Args:
-        steps: the expression graph.
-        inputs: names of the input arrays.
-        lanes: rows side by side; 1 for a function of one row.
-    """
-
-    steps: Steps
-    inputs: tuple[str, ...]
-    lanes: int
+    steps: Steps  # the expression graph
+    inputs: tuple[str, ...]  # names of the input arrays
+    lanes: int  # rows side by side; 1 for a function of one row
 
     def turns(self) -> Iterator[str]:
         """Lines that fill the sines and cosines of all angles, a round at a time."""
@@ -218,7 +281,7 @@ class _Writer:
                 yield f"    const double v{k}_ = {text.format(*map(self.of, step.arguments))};"
 
     def of(self, k: int) -> str:
-        """A step where it is used: a number, an input, a sine, or the constant that holds it."""
+        """A step as an operand: a number, an input, a sine, or the constant that holds it."""
         step = self.steps.steps[k]
         if step.operation == ca.OP_CONST:
             return literal(step.value)
@@ -235,12 +298,11 @@ class _Writer:
         return f"for (int l_ = 0; l_ < {self.lanes}; ++l_) " if self.lanes > 1 else ""
 
     def place(self, entry: int) -> str:
-        """The index of an entry in an array in which the lanes of one entry are neighbours."""
         return f"{entry * self.lanes} + l_" if self.lanes > 1 else str(entry)
 
 
 def literal(value: float) -> str:
-    """A double in C; repr gives the shortest text that reads back as the same number."""
+    """A double in C, in the shortest text that reads back exactly."""
     if math.isnan(value):
         return "NAN"
     text = "INFINITY" if math.isinf(value) else repr(abs(value))

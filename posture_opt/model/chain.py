@@ -10,7 +10,7 @@ derivatives follow from. For factor i before factor j in the chain, with axis ``
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -19,48 +19,33 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from posture_opt.numerics import Array
-from posture_opt.robot.robot import Factor
+from posture_opt.robot.robot import Factor, Robot
 
-Scalar = Any
-"""A float, an array of shape (N,), or a CasADi expression: whatever the walk is fed with."""
+Scalar = Any  # A float, an array of shape (N,), or a CasADi expression: whatever the walk is fed with
+# A vector of numbers, an array of several, or a CasADi expression
 Values: TypeAlias = "ArrayLike | Sequence[Scalar] | ca.SX | ca.MX"
-"""A vector of numbers, an array of several, or a CasADi expression."""
-Stacked: TypeAlias = "Array | ca.SX"
-"""What comes of values: an array of numbers, or an expression where one of them is."""
-Vector = tuple[Scalar, Scalar, Scalar]
-"""Three scalars: world coordinates [m], or a direction."""
+Stacked: TypeAlias = "Array | ca.SX"  # What comes of values: an array of numbers, or an expression where one of them is
+Vector = tuple[Scalar, Scalar, Scalar]  # Three scalars: world coordinates [m], or a direction
+# The vector that is exactly zero; tested by identity, so that symbols that never move are left out of a graph
 ZERO: Vector = (0.0, 0.0, 0.0)
-"""The vector that is exactly zero; tested by identity, so that symbols that never move are left out of a graph."""
 
 
 @dataclass(frozen=True)
 class Screw:
-    """Where one factor acts.
+    """Where one factor acts."""
 
-    Args:
-        rotates: whether it turns; else it shifts.
-        axis: (3,) unit vector, world.
-        origin: (3,) a point on the axis [m], world.
-    """
-
-    rotates: bool
-    axis: Vector
-    origin: Vector
+    rotates: bool  # whether it turns; else it shifts
+    axis: Vector  # (3,) unit vector, world
+    origin: Vector  # (3,) a point on the axis [m], world
 
 
 @dataclass(frozen=True)
 class Walk:
-    """The pose of the tool in the world and the screw of every factor.
+    """The pose of the tool in the world and the screw of every factor."""
 
-    Args:
-        columns: (3, 3) the three columns of ``R_world_tool``.
-        position: (3,) the tool point [m], world.
-        screws: one a factor, in the order of the chain.
-    """
-
-    columns: tuple[Vector, Vector, Vector]
-    position: Vector
-    screws: tuple[Screw, ...]
+    columns: tuple[Vector, Vector, Vector]  # (3, 3) the three columns of R_world_tool
+    position: Vector  # (3,) the tool point [m], world
+    screws: tuple[Screw, ...]  # one a factor, in the order of the chain
 
 
 def cos_sin(angle: Scalar) -> tuple[Scalar, Scalar]:
@@ -76,13 +61,7 @@ def cos_sin(angle: Scalar) -> tuple[Scalar, Scalar]:
 def factor_values(
     factors: Sequence[Factor], q: Sequence[Scalar], p: Mapping[str, Scalar] | None = None
 ) -> list[Scalar]:
-    """The value of each factor, ``nominal + p[parameter] + q[joint]`` [rad or m].
-
-    Args:
-        factors: of the chain, or of a part of it.
-        q: (n,) joint variables [rad or m].
-        p: parameter -> deviation [rad or m]; parameters that are missing deviate by nothing.
-    """
+    """``nominal + p[parameter] + q[joint]`` [rad or m] of each factor."""
     p = p or {}
     values: list[Scalar] = []
     for factor in factors:
@@ -96,21 +75,8 @@ def factor_values(
 
 
 def walk(factors: Sequence[Factor], values: Sequence[Scalar], begin: Walk | None = None) -> Walk:
-    """Forward kinematics: the product of all factors, from the base to the tool; on from where ``begin`` ends.
-
-    ``screws`` are those of these factors alone.
-
-    Args:
-        factors: from the base to the tool.
-        values: of each factor [rad or m], see `factor_values`.
-        begin: an earlier walk to go on from; the world's frame if left out.
-
-    Example:
-        >>> from posture_opt.robot.robot import Factor
-        >>> reached = walk([Factor("rotate", 2), Factor("translate", 0)], [math.pi / 2, 0.5])
-        >>> reached.position
-        (0.0, 0.5, 0.0)
-    """
+    """Forward kinematics: the product of all factors, values [rad or m], from the base to the tool; on from ``begin``.
+    ``screws`` are those of these factors alone."""
     columns: list[Vector] = [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)] if begin is None else [*begin.columns]
     origin: Vector = (0.0, 0.0, 0.0) if begin is None else begin.position
     symbolic = any(isinstance(x, ca.SX) for x in (*values, *origin, *(x for column in columns for x in column)))
@@ -148,7 +114,7 @@ def scale(factor: Scalar, v: Vector) -> Vector:
 
 
 def _product(a: Scalar, b: Scalar) -> Scalar:
-    """``a b``; a symbol times an exact 0 or 1 is what CasADi makes of it, without a call that costs 20 microseconds."""
+    """``a b``; a symbol times an exact 0 or 1 without CasADi's call, which costs 20 microseconds."""
     if type(b) is float and type(a) is ca.SX:
         a, b = b, a
     if type(a) is float and type(b) is ca.SX and a in (0.0, 1.0):
@@ -174,10 +140,8 @@ def dot(u: Sequence[Scalar], v: Sequence[Scalar]) -> Scalar:
 
 
 def stack(rows: Sequence[Sequence[Scalar]] | Sequence[Scalar]) -> Stacked:
-    """A nested tuple of scalars as one array: SX of the same shape, or NumPy with the batch axis first.
-
-    (r,) scalars become (r,) or (N, r), rows of c scalars (r, c) or (N, r, c); in CasADi a vector is a column (r, 1).
-    """
+    """Scalars as one array, (r,) or rows (r, c): SX of that shape, or NumPy with the batch axis first; CasADi vectors
+    are (r, 1)."""
     nested = [list(row) if isinstance(row, list | tuple) else [row] for row in rows]
     flat = [entry for row in nested for entry in row]
     if any(isinstance(entry, ca.SX) for entry in flat):
@@ -190,16 +154,7 @@ def stack(rows: Sequence[Sequence[Scalar]] | Sequence[Scalar]) -> Stacked:
 
 
 def split(values: Values, size: int, what: str) -> Sequence[Scalar]:
-    """The ``size`` entries of a vector: of an SX, a sequence, or an array whose last axis has that size.
-
-    Args:
-        values: (size,) or (..., size).
-        size: how many entries are wanted.
-        what: its name in the error.
-
-    Raises:
-        ValueError: another number of entries.
-    """
+    """The ``size`` entries of an SX, a sequence, or an array (..., size); ValueError of ``what`` for another number."""
     if isinstance(values, ca.SX | ca.MX | ca.DM):
         entries: Sequence[Scalar] = ca.vertsplit(ca.vec(values))
         if isinstance(values, ca.DM):
@@ -215,13 +170,8 @@ def split(values: Values, size: int, what: str) -> Sequence[Scalar]:
 
 
 def displaced(reached: Walk, shift: Vector, turn: Vector) -> Walk:
-    """The walk with its tool shifted and turned behind the chain; screws stay those of the chain.
-
-    Args:
-        reached: the walk.
-        shift: (3,) of the tool point [m], world.
-        turn: (3,) small rotation of the tool [rad], world axes; to second order.
-    """
+    """The walk with its tool shifted (3,) [m] and turned (3,) [rad], world, behind the chain, to second order in the
+    turn."""
     if shift is ZERO and turn is ZERO:
         return reached
     a, b, c = reached.columns
@@ -243,13 +193,12 @@ def position_column(walk: Walk, i: int) -> Vector:
 
 
 def rotation_column(walk: Walk, i: int) -> Vector:
-    """Angular velocity (3,) of the tool per unit of factor i [rad/rad], world frame; zero where it shifts."""
+    """Angular velocity (3,) of the tool per unit of factor i [rad/rad], world frame; zero of a shift."""
     screw = walk.screws[i]
     return screw.axis if screw.rotates else ZERO
 
 
 def _is_symbolic(x: Scalar) -> bool:
-    """Whether this is an expression of CasADi."""
     return isinstance(x, ca.SX | ca.MX)
 
 
@@ -281,3 +230,54 @@ def nearest_integer(x: Scalar) -> Scalar:
 def at_least(x: Scalar, bound: float) -> Scalar:
     """1 where ``x >= bound``, else 0."""
     return ca.SX(x >= bound) if _is_symbolic(x) else np.asarray(np.asarray(x) >= bound, dtype=float)
+
+
+def fixed_pose(factors: Iterable[Factor]) -> Array:
+    """(4, 4) the product of factors at the joint value zero, lengths in [m]."""
+    still = [Factor(f.kind, f.axis, f.nominal) for f in factors]
+    reached = walk(still, factor_values(still, ()))
+    (a, b, c), x = reached.columns, reached.position
+    rows = [(a[k], b[k], c[k], x[k]) for k in range(3)]
+    return np.asarray(stack([*rows, (0.0, 0.0, 0.0, 1.0)]), dtype=float)
+
+
+def stretched(robot: Robot) -> tuple[Array, float]:
+    """(3,) the origin of the first joint [m], world, and a distance [m] from it that the tool point never exceeds. The
+    distance is the sum of all lengths behind the first joint, slides at their longest: the triangle inequality."""
+    first = robot.driven[0]
+    reached = walk(robot.factors, factor_values(robot.factors, [0.0] * robot.n))
+    lengths = sum(abs(factor.nominal) for factor in robot.factors[first:] if factor.kind == "translate")
+    slides = sum(max(abs(j.lower), abs(j.upper)) for j in robot.joints if j.type == "prismatic")
+    return np.array(reached.screws[first].origin, dtype=float), float(lengths + slides)
+
+
+@dataclass(frozen=True)
+class Shell:
+    """Two spheres about the origin of the first joint: the tool point stays between them."""
+
+    centre: Array  # (3,) [m], world
+    least: float  # least, most: their radii [m]
+    most: float
+
+    @classmethod
+    def of(cls, robot: Robot) -> Shell:
+        """The bounds of an arm by the triangle inequality, joint by joint from the tool to the base. The origins of
+        neighbouring joints keep their distance ℓ as joints turn, so that a point that stays between a and b from one of
+        them stays between ``max(ℓ − b, a − ℓ, 0)`` and ``ℓ + b`` from the next; a slide makes ℓ longer or shorter by
+        its stroke. Joint limits and what bodies are in the way only make the reach smaller."""
+        reached = walk(robot.factors, factor_values(robot.factors, [0.0] * robot.n))
+        origins = [np.array(reached.screws[index].origin, dtype=float) for index in robot.driven]
+        least, most, beyond = 0.0, 0.0, np.array(reached.position, dtype=float)
+        for joint, origin in zip(reversed(robot.joints), reversed(origins), strict=True):
+            length, stroke = float(np.linalg.norm(beyond - origin)), 0.0
+            if joint.type == "prismatic":
+                stroke = max(abs(joint.lower), abs(joint.upper))
+            least, most = max(0.0, length - stroke - most, least - length - stroke), most + length + stroke
+            beyond = origin
+        return cls(origins[0], least, most)
+
+    def misses(self, lower: Array, upper: Array, slack: float) -> bool:
+        """Whether no point of the box (3,), (3,) [m], world, lies between the spheres, or within ``slack`` [m]."""
+        nearest = np.linalg.norm(np.clip(self.centre, lower, upper) - self.centre)
+        farthest = np.linalg.norm(np.maximum(np.abs(lower - self.centre), np.abs(upper - self.centre)))
+        return bool(nearest > self.most + slack or farthest < self.least - slack)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import ctypes
 import functools
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 from typing import Any
 
 import casadi
@@ -18,14 +19,13 @@ from posture_opt.model.toolchain import BuildError, Library, shared_library
 
 __all__ = ["BatchFunction", "c_source", "library_of"]
 
-Array = npt.NDArray[np.float64]
-"""Real numbers, as of ``numerics``; also from lists and other types that NumPy converts."""
+Array = npt.NDArray[np.float64]  # Real numbers, as of numerics; also from lists and other types that NumPy converts
 
 _ROW_NAME = "posture_opt_row"
+# Rows that are interpreted in one call, as many as there are: the first bounds the memory, a single row takes a call
+# from Python of thrice its own time
 _WIDTHS = (256, 16, 1)
-"""Rows that are interpreted in one call, as many as there are: the first bounds the memory, a single row takes a call
-from Python of thrice its own time.
-"""
+# C text of a loop over rows; returns 0, −1 where memory is short, or the number from 1 of the row that failed
 _BATCH_LOOP_C = """
 #include <stdlib.h>
 
@@ -49,31 +49,13 @@ CASADI_SYMBOL_EXPORT long long posture_opt_batch(long long rows, const double* c
   return failed;
 }
 """
-"""C text of a loop over rows; returns 0, −1 where memory is short, or the number from 1 of the row that failed."""
 
 
 class BatchFunction:
     """A CasADi function evaluated over rows: ``batch(*arrays)[k] = function(*(array[k] for array in arrays))``.
-
     Compiled rows run without Python's lock, and threads may share both ways of calling. Both give the same digits,
-    pickle, and let NaN and infinity through.
-
-    Args:
-        function: inputs and outputs of any sparsity; both are dense outside.
-        compiled: None compiles where a C compiler is found; False never; True or an error.
-
-    Attributes:
-        compiled: whether generated C is evaluated.
-        reason: why it is not; empty where it is.
-
-    Raises:
-        InputError: ``compiled=True`` and nothing could be compiled.
-
-    Example:
-        >>> x = casadi.SX.sym("x", 2)
-        >>> BatchFunction(casadi.Function("f", [x], [casadi.sumsqr(x)]), compiled=False)([[3, 4], [6, 8]]).tolist()
-        [[25.0], [100.0]]
-    """
+    pickle, and let NaN and infinity through. function: inputs and outputs of any sparsity; both are dense outside;
+    compiled: None compiles where a C compiler is found; False never; True or an error."""
 
     def __init__(self, function: casadi.Function, *, compiled: bool | None = None) -> None:
         self.function = function
@@ -92,19 +74,8 @@ class BatchFunction:
         self._fill = functools.partial(_fill_compiled, library) if library else self._fill_interpreted
 
     def __call__(self, *arrays: npt.ArrayLike) -> Any:
-        """Evaluate all rows.
-
-        Args:
-            arrays: one an input, (N, size), or (size,) or (1, size) for the same in every row; matrices
-                column-major.
-
-        Returns:
-            (N, r) of a vector output, (N, r, c) of a matrix; a tuple of them for several outputs.
-
-        Raises:
-            InputError: an input of another shape.
-            SolverError: the function itself reports a failure.
-        """
+        """(N, r) or (N, r, c), a tuple for several outputs, of inputs (N, size), or (size,) in every row; matrices
+        column-major."""
         rows, inputs = self._read_inputs(arrays)
         outputs = [np.empty((rows, *shape)) for shape in self._shapes]
         if rows:
@@ -112,14 +83,8 @@ class BatchFunction:
         return outputs[0] if len(outputs) == 1 else tuple(outputs)
 
     def one(self, *arrays: npt.ArrayLike) -> Any:
-        """Evaluate once with buffers that each thread keeps: each input (size,), outputs (r,) or (r, c).
-
-        It saves the tens of microseconds that a call of the CasADi function costs.
-
-        Raises:
-            InputError: an input of another shape.
-            SolverError: the function itself reports a failure.
-        """
+        """Evaluate once with buffers of this thread, inputs (size,), outputs (r,) or (r, c): saves tens of
+        microseconds."""
         buffered, views = self._thread_buffer
         try:
             _assign_slots(buffered.inputs, arrays)
@@ -137,7 +102,6 @@ class BatchFunction:
 
     @property
     def _thread_buffer(self) -> tuple[_Buffered, list[Array]]:
-        """The buffer of this thread and views of its outputs: two threads must not write to one."""
         try:
             kept: tuple[_Buffered, list[Array]] = self._kept.single
         except AttributeError:
@@ -147,11 +111,7 @@ class BatchFunction:
         return kept
 
     def _read_inputs(self, arrays: tuple[npt.ArrayLike, ...]) -> tuple[int, list[Array]]:
-        """The number of rows N and the inputs (N, size) or (1, size).
-
-        Raises:
-            InputError: another number of arrays, or arrays of other shapes.
-        """
+        """The number of rows N and the inputs (N, size) or (1, size)."""
         if len(arrays) != len(self._names):
             raise InputError(f"{len(arrays)} arrays given, {len(self._names)} wanted: {', '.join(self._names)}")
         inputs = [_contiguous_rows(array) for array in arrays]
@@ -175,9 +135,6 @@ class BatchFunction:
             begin = end
 
     def _thread_map(self, width: int) -> _Buffered:
-        """The function of so many rows, with buffers that each thread keeps: a map and its buffers cost more than 16
-        rows.
-        """
         maps: dict[int, _Buffered] = self._kept.__dict__.setdefault("maps", {})
         if width not in maps:
             maps[width] = _Buffered(self._row.map(width) if width > 1 else self._row)
@@ -185,12 +142,7 @@ class BatchFunction:
 
 
 class _Buffered:
-    """One CasADi function bound to memory of its own.
-
-    Args:
-        function: dense.
-        fallible: whether its return code is asked for, which costs a microsecond.
-    """
+    """One dense CasADi function bound to memory of its own; asking a ``fallible`` one costs a microsecond."""
 
     def __init__(self, function: casadi.Function, fallible: bool = True) -> None:
         self._buffer: Any
@@ -204,29 +156,19 @@ class _Buffered:
             self._buffer.set_res(i, array.data)
 
     def evaluate(self) -> None:
-        """Evaluate on the arrays ``inputs``, into the arrays ``outputs``.
-
-        Raises:
-            SolverError: the function reports a failure.
-        """
+        """Evaluate on the arrays ``inputs``, into the arrays ``outputs``."""
         self._trigger()
         if self._fallible and self._buffer.ret():
             raise SolverError("the function reports a failure")
 
 
 def _contiguous_rows(array: npt.ArrayLike) -> Array:
-    """The array as contiguous rows of doubles; one that is so already passes as it is."""
     if type(array) is np.ndarray and array.ndim == 2 and array.dtype == np.float64 and array.flags.c_contiguous:
         return array
     return np.ascontiguousarray(np.atleast_2d(np.asarray(array, dtype=float)))
 
 
 def _assign_slots(slots: list[Array], arrays: Sequence[Any]) -> None:
-    """Copy arrays into buffers of the same length.
-
-    Raises:
-        ValueError: another length, or nothing that converts.
-    """
     for slot, array in zip(slots, arrays, strict=True):
         if len(array) != len(slot):  # NumPy would broadcast a single number
             raise ValueError
@@ -249,12 +191,6 @@ def _fill_buffered(buffered: _Buffered, starts: range, width: int, inputs: list[
 
 
 def _fill_compiled(library: Library, rows: int, inputs: list[Array], outputs: list[Array]) -> None:
-    """Evaluate all rows by the loop in C; an input of one row has step 0 and is the same in every row.
-
-    Raises:
-        MemoryError: the loop got no memory.
-        SolverError: the function reports a failure, with its row.
-    """
     steps = [array.shape[1] if len(array) == rows else 0 for array in inputs]
     sizes = [array.size // rows for array in outputs]
     failed = library.handle.posture_opt_batch(
@@ -269,32 +205,17 @@ def _fill_compiled(library: Library, rows: int, inputs: list[Array], outputs: li
 
 
 def _pointer_array(arrays: list[Array]) -> ctypes.Array[ctypes.c_void_p]:
-    """Addresses of the data of contiguous arrays, as C takes them."""
     return (ctypes.c_void_p * len(arrays))(*[array.__array_interface__["data"][0] for array in arrays])
 
 
 def _integer_array(values: list[int]) -> ctypes.Array[ctypes.c_longlong]:
-    """Whole numbers of 64 bits, as C takes them."""
     return (ctypes.c_longlong * len(values))(*values)
 
 
 def library_of(
     wanted: bool | None, identity: Callable[[], str], source: Callable[[], str], level: str = "-O1"
 ) -> tuple[Library | None, str]:
-    """The compiled ``source``, found by its ``identity`` where it was compiled before.
-
-    Args:
-        wanted: None compiles where it can; False never; True or an error.
-        identity: what determines the source; cheaper to have than the source itself.
-        source: gives the C text.
-        level: of the compiler's optimisation.
-
-    Returns:
-        The library and an empty text; or None and why there is none.
-
-    Raises:
-        InputError: ``wanted`` is True and nothing could be compiled.
-    """
+    """The compiled ``source``, cached by its ``identity``, and an empty text; or None and the reason."""
     if wanted is False:
         return None, "interpreted on request"
     try:
@@ -310,3 +231,95 @@ def _output_shape(function: casadi.Function, i: int) -> tuple[int, ...]:
     """(r,) of a vector output, (r, c) of a matrix."""
     rows, columns = function.size_out(i)
     return (rows,) if columns == 1 else (rows, columns)
+
+
+class LaneFunction:
+    """``rows(Q)[k] = function(Q[k])``, (N, n) -> (N, m): the numbers of a `BatchFunction` to rounding, in less time.
+
+    Several rows are side by side in vector registers. Sines and cosines are the text's own, within 2e-16 of the
+    mathematics library's; threads may share it. ``compiled`` as of `BatchFunction`.
+    """
+
+    def __init__(self, function: casadi.Function, *, compiled: bool | None = None) -> None:
+        self._function, self._wanted, self._library = function, compiled, None
+        # A compiler takes some 5 s for 6000 instructions, more than a million rows would win back.
+        if compiled is not False and function.n_instructions() <= 6000:
+            text, _ = c_source(function, "posture_opt_lanes", rows=True)
+            self._library, _ = library_of(compiled, lambda: text, lambda: text, "-O3")
+        self._batch = None if self._library else BatchFunction(function, compiled=compiled)
+        self.compiled: bool = self._batch is None or self._batch.compiled
+
+    def __call__(self, Q: Array) -> Array:
+        """(N, m) of finite rows (N, n)."""
+        if self._library is None:
+            assert self._batch is not None
+            found: Array = self._batch(Q)
+            return found
+        given = np.ascontiguousarray(Q, dtype=float)
+        result = np.empty((len(given), self._function.nnz_out(0)))
+        self._library.handle.posture_opt_lanes_rows(ctypes.c_longlong(len(given)), *map(_address, (given, result)))
+        return result
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return functools.partial(LaneFunction, compiled=self._wanted), (self._function,)
+
+
+def _address(array: Array) -> ctypes.c_void_p:
+    return ctypes.c_void_p(array.__array_interface__["data"][0])
+
+
+# C text that opens and closes the working memory of a generated function
+_MEMORY_C = """
+#include <math.h>
+#include <stdlib.h>
+
+typedef struct { const double** arg; double** res; casadi_int* iw; double* w; } po_memory;
+typedef int (*po_sizes)(casadi_int*, casadi_int*, casadi_int*, casadi_int*);
+
+static void po_close(po_memory* m) { free((void*)m->arg); free(m->res); free(m->iw); free(m->w); }
+static int po_open(po_memory* m, po_sizes work) {
+  casadi_int arg, res, iw, w;
+  work(&arg, &res, &iw, &w);
+  m->arg = malloc((arg + 1) * sizeof *m->arg);
+  m->res = malloc((res + 1) * sizeof *m->res);
+  m->iw = malloc((iw + 1) * sizeof *m->iw);
+  m->w = malloc((w + 1) * sizeof *m->w);
+  return m->arg && m->res && m->iw && m->w;
+}
+"""
+
+
+class RowLoop:
+    """``long long posture_opt_loop(…)`` of a C text that may call the functions given, by their names. The text has
+    ``po_memory`` with ``po_open(&memory, NAME_work)`` and ``po_close``; a function is called by ``NAME(memory.arg,
+    memory.res, memory.iw, memory.w, 0)``. Loops run without Python's lock. functions: by name; all inputs and outputs
+    are dense; text: C99; compiled: None compiles where a C compiler is found; False never; True or an error."""
+
+    def __init__(self, functions: Mapping[str, casadi.Function], text: str, compiled: bool | None) -> None:
+        whole = _MEMORY_C + text
+
+        @cache
+        def rows() -> list[casadi.Function]:  # written out where they are compiled: large ones take half a second
+            return [row_function(function, name) for name, function in functions.items()]
+
+        self._library, _ = library_of(
+            compiled, lambda: whole + "".join(row.serialize() for row in rows()), lambda: c_text(rows()) + whole
+        )
+        self.compiled: bool = self._library is not None
+
+    def __call__(self, *arguments: Array | int | float) -> int:
+        """Run the loop: C-contiguous arrays of doubles are passed by address and written to, numbers by value. Returns
+        what the loop returns, zero or more."""
+        assert self._library is not None
+        returned = int(self._library.handle.posture_opt_loop(*map(_c_argument, arguments)))
+        if returned < 0:
+            raise MemoryError
+        return returned
+
+
+def _c_argument(argument: Array | int | float) -> Any:
+    if isinstance(argument, np.ndarray):
+        assert argument.dtype == np.float64
+        assert argument.flags.c_contiguous
+        return _address(argument)
+    return ctypes.c_longlong(argument) if isinstance(argument, int) else ctypes.c_double(argument)

@@ -4,29 +4,20 @@ from __future__ import annotations
 
 import casadi as ca
 
-Factors = tuple[list[list[ca.SX]], list[ca.SX]]
-"""The strict lower triangle of L and the diagonal D."""
-
-_INFINITE_PIVOT = 1e200
-"""A pivot that makes its unknown zero; its square would still be a number."""
+Factors = tuple[list[list[ca.SX]], list[ca.SX]]  # The strict lower triangle of L and the diagonal D
 
 
 def ldl(A: ca.SX, dependent: float = 0.0) -> Factors:
-    """L D Lᵀ of a symmetric (n, n) matrix without pivoting.
-
-    Where a pivot is below ``dependent`` of its diagonal entry, the row depends on those before it: the unknown of such
-    a row of a positive semidefinite matrix is solved to be zero.
-
-    Args:
-        A: (n, n) expressions; only the lower triangle is read. n³/6 operations: for n up to ten or so.
-        dependent: share of the diagonal entry; 0 takes every pivot as it is.
-    """
+    """L D Lᵀ of a symmetric (n, n) matrix without pivoting. Where a pivot is below ``dependent`` of its diagonal entry,
+    the row depends on those before it: the unknown of such a row of a positive semidefinite matrix is solved to be
+    zero. A: (n, n) expressions; only the lower triangle is read. n³/6 operations: for n up to ten or so."""
     n = A.shape[0]
     L: list[list[ca.SX]] = [[ca.SX(0)] * n for _ in range(n)]
     D: list[ca.SX] = []
     for j in range(n):
         pivot = A[j, j] - sum((L[j][k] ** 2 * D[k] for k in range(j)), ca.SX(0))
-        D.append(ca.if_else(pivot > dependent * A[j, j], pivot, _INFINITE_PIVOT) if dependent else pivot)
+        # A pivot that makes its unknown zero; its square would still be a number.
+        D.append(ca.if_else(pivot > dependent * A[j, j], pivot, 1e200) if dependent else pivot)
         for i in range(j + 1, n):
             L[i][j] = (A[i, j] - sum((L[i][k] * L[j][k] * D[k] for k in range(j)), ca.SX(0))) / D[j]
     return L, D

@@ -25,19 +25,16 @@ from pathlib import Path
 from typing import NamedTuple
 
 from posture_opt.interrupts import undisturbed
-from posture_opt.staging import settle, staging
+from posture_opt.output import settle, staging
 
 # Straight-line code with few calls gains nothing from -O3 or -march=native (measured within 10 %, compile time
 # +40 %), and without fused multiply-add every machine, compiled or interpreted, gives the same digits.
 FLAGS = ("-std=c99", "-fPIC", "-shared", "-fno-math-errno", "-ffp-contract=off", "-w")
+# Length of a C text above which -O0 is taken: 3 s a megabyte instead of 10, and runs 4 times slower
 MAX_OPTIMISED_CHARACTERS = 1_000_000
-"""Length of a C text above which -O0 is taken: 3 s a megabyte instead of 10, and runs 4 times slower."""
-COMPILE_SECONDS = 300.0
-"""Time after which a compiler is ended [s]."""
-KEPT_LIBRARIES = 256
-"""Libraries in the cache; of more, those that were not used for longest are removed."""
-SUFFIX = ".dll" if sys.platform == "win32" else ".so"
-"""Ending of a shared library on this system."""
+KEPT_LIBRARIES = 256  # in the cache; of more, those that were not used for longest are removed
+COMPILE_SECONDS = 300.0  # Time after which a compiler is ended [s]
+SUFFIX = ".dll" if sys.platform == "win32" else ".so"  # Ending of a shared library on this system
 
 
 class BuildError(Exception):
@@ -56,9 +53,7 @@ class Library(NamedTuple):
 
 
 def find_compiler() -> tuple[str, ...]:
-    """The command of the C compiler as words: the environment's CC, else cc, gcc or clang; empty where there is
-    none.
-    """
+    """The words of the C compiler's command: the environment's CC, else cc, gcc or clang; empty if there is none."""
     for candidate in (os.environ.get("CC", ""), "cc", "gcc", "clang"):
         with contextlib.suppress(ValueError):  # unbalanced quotes in CC
             command = shlex.split(candidate, posix=os.name != "nt")
@@ -72,7 +67,7 @@ _only_kept: ContextVar[bool] = ContextVar("posture_opt_only_kept", default=False
 
 @contextlib.contextmanager
 def compiled_before() -> Iterator[None]:
-    """What was compiled before is loaded inside; what was not raises `NotCompiledError` instead of taking seconds."""
+    """Load inside only libraries compiled before; others raise `NotCompiledError` instead of taking seconds."""
     token = _only_kept.set(True)
     try:
         yield
@@ -81,17 +76,7 @@ def compiled_before() -> Iterator[None]:
 
 
 def shared_library(identity: str, source: Callable[[], str], level: str = "-O1") -> Library:
-    """The shared library of a C text, from the cache or compiled into it.
-
-    Args:
-        identity: what determines the text; the key of the cache together with compiler, flags and machine.
-        source: gives the C text, called only where the cache has no library.
-        level: of the compiler's optimisation; -O3 for loops that vector registers serve.
-
-    Raises:
-        BuildError: no compiler, it fails, or no folder to keep its library in.
-        NotCompiledError: it would have to be compiled, within `compiled_before`.
-    """
+    """The shared library of a C text, from the cache or compiled into it; ``source`` is called only if it is needed."""
     compiler = find_compiler()
     if not compiler:
         raise BuildError("no C compiler found (looked for the environment's CC, then cc, gcc, clang)")
@@ -114,14 +99,9 @@ def shared_library(identity: str, source: Callable[[], str], level: str = "-O1")
 
 
 def _kept_library(folder: Path, name: str) -> Library | None:
-    """The library of this name in a folder; None where there is none. Broken ones are removed.
-
-    Raises:
-        OSError: the folder cannot be read or written.
-    """
     for path in folder.glob(f"{name}.*{SUFFIX}"):
-        if _is_private(path) and _is_whole(path):
-            with contextlib.suppress(OSError):  # of another machine, or just pruned by another process
+        with contextlib.suppress(OSError):  # of another machine, or just pruned by another process
+            if _is_private(path) and path.name.split(".")[1] == _sha256_of(path):
                 handle = ctypes.CDLL(str(path))
                 os.utime(path)
                 return Library(path, handle)
@@ -132,12 +112,6 @@ def _kept_library(folder: Path, name: str) -> Library | None:
 def _compiled_library(
     folder: Path, name: str, compiler: tuple[str, ...], source: Callable[[], str], level: str
 ) -> Library:
-    """The library of this name, compiled into a folder.
-
-    Raises:
-        BuildError: the compiler fails.
-        OSError: the folder is full, read-only or mounted noexec.
-    """
     with staging(folder) as build:
         compiled = _compile_text(build, compiler, source(), level)
         path = folder / f"{name}.{_sha256_of(compiled)}{SUFFIX}"
@@ -150,24 +124,10 @@ def _compiled_library(
 
 
 def _sha256_of(path: Path) -> str:
-    """Hexadecimal SHA-256 of a file."""
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def _is_whole(path: Path) -> bool:
-    """Whether a library is what was compiled: half of one would end the program as soon as it is called."""
-    try:
-        return path.name.split(".")[1] == _sha256_of(path)
-    except OSError:
-        return False
-
-
 def _compile_text(folder: Path, compiler: tuple[str, ...], text: str, level: str) -> Path:
-    """Compile a C text in a folder of its own; the path of the library there.
-
-    Raises:
-        BuildError: the compiler fails, with the first 500 characters of its message.
-    """
     code, library = folder / "code.c", folder / "code.so"
     code.write_text(text, encoding="utf-8")
     level = level if len(text) <= MAX_OPTIMISED_CHARACTERS else "-O0"
@@ -188,33 +148,28 @@ def _compiler_version(compiler: tuple[str, ...]) -> str:
 
 
 def _run_command(*command: str, **environment: str) -> subprocess.CompletedProcess[str]:
-    """Run a command to its end; where this is interrupted, it is killed with all that it has started.
-
-    Raises:
-        BuildError: it cannot be started, or does not end in time.
-    """
-    pipe, none = subprocess.PIPE, subprocess.DEVNULL
+    pipe, none, process = subprocess.PIPE, subprocess.DEVNULL, None
     try:
-        with undisturbed():  # nothing started is forgotten
+        with undisturbed():  # nothing started is forgotten: an interrupt is raised at its end
             process = subprocess.Popen(
                 command, stdout=pipe, stderr=pipe, stdin=none, text=True, errors="replace",
                 env={**os.environ, **environment}, start_new_session=True,
             )  # fmt: skip
+        out, errors = process.communicate(timeout=COMPILE_SECONDS)
+        return subprocess.CompletedProcess(command, process.returncode, out, errors)
+    except subprocess.TimeoutExpired as error:
+        raise BuildError(f"{command[0]} did not end within {COMPILE_SECONDS:g} s") from error
     except (OSError, ValueError) as error:
         raise BuildError(f"{command[0]} did not run: {error}") from error
-    with process:
-        try:
-            out, errors = process.communicate(timeout=COMPILE_SECONDS)
-        except BaseException as error:
-            _kill_group(process)
-            if isinstance(error, subprocess.TimeoutExpired):
-                raise BuildError(f"{command[0]} did not end within {COMPILE_SECONDS:g} s") from error
-            raise
-    return subprocess.CompletedProcess(command, process.returncode, out, errors)
+    finally:
+        if process is not None:
+            if process.returncode is None:
+                _kill_group(process)
+            with process:  # closes its pipes
+                pass
 
 
 def _kill_group(process: subprocess.Popen[str]) -> None:
-    """End a process and all that it has started: a compiler is a chain of programs."""
     if sys.platform == "win32":
         process.kill()
     else:
@@ -224,7 +179,6 @@ def _kill_group(process: subprocess.Popen[str]) -> None:
 
 
 def _cache_folders() -> Iterator[Path]:
-    """The user's cache where it can be trusted and written, then a folder of this process alone."""
     folder = cache_folder()
     if folder is not None:
         with contextlib.suppress(OSError):
@@ -237,7 +191,6 @@ def _cache_folders() -> Iterator[Path]:
 
 @functools.lru_cache
 def _process_folder() -> Path:
-    """A folder of this process alone, removed when it ends."""
     kept = contextlib.ExitStack()
     folder = kept.enter_context(staging(Path(tempfile.gettempdir())))
     atexit.register(kept.close)
@@ -258,7 +211,6 @@ def cache_folder() -> Path | None:
 
 
 def _is_private(path: Path) -> bool:
-    """Whether the user owns the file and nobody else can write it: only then is it safe to execute."""
     if sys.platform == "win32":  # below the user's profile
         return True
     status = path.stat()
@@ -266,7 +218,6 @@ def _is_private(path: Path) -> bool:
 
 
 def _prune_cache(folder: Path) -> None:
-    """Remove the libraries that were not used for longest, beyond `KEPT_LIBRARIES`."""
     libraries = sorted((path for path in folder.iterdir() if path.suffix == SUFFIX), key=_last_use)
     for path in libraries[:-KEPT_LIBRARIES]:
         with contextlib.suppress(OSError):  # in use (Windows) or already removed
@@ -274,9 +225,7 @@ def _prune_cache(folder: Path) -> None:
 
 
 def _last_use(path: Path) -> float:
-    """Time of the last use of a library [s]: its modification time, which `_kept_library` renews; 0 where it is
-    gone.
-    """
+    """Time of the last use of a library [s], which `_kept_library` renews; 0 where it is gone."""
     try:
         return path.stat().st_mtime
     except OSError:

@@ -1,8 +1,7 @@
-"""The ``effects`` section of a problem file: the robot with them, and what they do to its sources of error.
+"""The ``effects`` section of a problem file: the robot with them, and what they do to its sources of error."""
 
-Effects that move the tool point become parts of the arm. Those that only scatter (noise) add variances and
-correlations to the sources, or change the σ of the instrument.
-"""
+# Effects that move the tool point become parts of the arm. Those that only scatter (noise) add variances and
+# correlations to the sources, or change the σ of the instrument.
 
 from __future__ import annotations
 
@@ -19,21 +18,13 @@ from posture_opt.model.effects import CatalogueEntry, Effect, NoiseEffect
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.tasks import Task
-from posture_opt.selection.terms import Term
 from posture_opt.uncertainty.sources.covariance_file import read_covariance
 from posture_opt.uncertainty.sources.sources import Sources, covariance_issues
 from posture_opt.uncertainty.sources.uncertainty_section import MeasurementSpec
 
 
 def arm_with(robot: Robot, effects: tuple[CatalogueEntry, ...], task: Task | None) -> Arm:
-    """The arm with the effects of the file, under the inputs that the task states.
-
-    Payload, side of approach of each joint, temperature (as difference from the reference) and time are those of the
-    task; what it leaves open is the payload of the robot, an unknown side, the reference temperature and time 0.
-
-    Raises:
-        InputError: effects that this robot cannot have, or inputs of unknown joints; keys from the top of the file.
-    """
+    """The arm with the effects of the file, under the inputs that the task states."""
     issues = _task_issues(robot, None if task is None else task.for_robot(robot))
     for index, effect in enumerate(effects):
         try:
@@ -58,15 +49,7 @@ def moving_effects(effects: Sequence[CatalogueEntry]) -> tuple[Effect, ...]:
 def effect_sources(
     arm: Arm, effects: tuple[Effect, ...], folder: Path, attached: Mapping[str, str], read: str | None
 ) -> Sources:
-    """The covariances of the effects' parameters, from the files that the effects name.
-
-    Args:
-        folder: where relative file names start; ``attached`` contents of files that exist nowhere else.
-        read: the covariance file that the section ``uncertainty`` has read already.
-
-    Raises:
-        InputError: as `read_covariance`.
-    """
+    """The covariances of the effects' parameters, from the files that the effects name."""
     found = Sources()
     files = dict.fromkeys(e.covariance for e in effects if e.covariance and e.covariance != read)
     for file in files:
@@ -81,11 +64,7 @@ def effect_sources(
 
 
 def _read(arm: Arm, file: tuple[Path, str], text: str | None, key: KeyPath) -> tuple[tuple[str, ...], Array]:
-    """Names and covariance (k, k) of a file, in SI units by the dimension of each parameter.
-
-    Raises:
-        InputError: as `read_covariance`; what concerns no line of the file has the ``key`` that names it.
-    """
+    """Names and covariance (k, k) of a file, in SI units by the dimension of each parameter."""
     dimensions = {name: "length" if f.kind == "translate" else "angle" for name, f in arm.robot.parameters.items()}
     try:
         return read_covariance(located(*file), {**dimensions, **arm.dimensions}, text)
@@ -94,14 +73,8 @@ def _read(arm: Arm, file: tuple[Path, str], text: str | None, key: KeyPath) -> t
 
 
 def noisy_sources(sources: Sources, robot: Robot, effects: Sequence[CatalogueEntry]) -> Sources:
-    """The sources with the scatter that effects add from repeat to repeat, and the correlations that they state.
-
-    ``C_ab = C_ab + ρ sqrt(C_aa C_bb)`` for a stated correlation ρ of the parameters a and b.
-
-    Raises:
-        InputError: a correlation of errors without a σ, stated twice, or impossible with the others; keys from the
-            top of the file.
-    """
+    """The sources with the scatter that effects add from repeat to repeat, and the correlations that they state."""
+    # ``C_ab = C_ab + ρ sqrt(C_aa C_bb)`` for a stated correlation ρ of the parameters a and b
     issues: list[Issue] = []
     for index, effect in enumerate(effects):
         if not isinstance(effect, NoiseEffect):
@@ -113,7 +86,11 @@ def noisy_sources(sources: Sources, robot: Robot, effects: Sequence[CatalogueEnt
             if fault is not None:
                 issues.append(replace(fault, key=("effects", index), value=effect.name))
                 continue
-            sources = _correlated(sources, a, b, rho)
+            i, j = sources.names.index(a), sources.names.index(b)
+            covariance, variance = sources.covariance.copy(), sources.constant
+            covariance[i, j] += rho * (variance[i, i] * variance[j, j]) ** 0.5
+            covariance[j, i] = covariance[i, j]
+            sources = replace(sources, covariance=covariance)
             contradictions = covariance_issues(sources.names, sources.constant)
             issues += [replace(issue, key=("effects", index), value=effect.name) for issue in contradictions]
     if issues:
@@ -140,15 +117,13 @@ def of_a_type(effect: CatalogueEntry) -> TypeGuard[NoiseEffect]:
 
 
 def _task_issues(robot: Robot, task: Task | None) -> list[Issue]:
-    """Joints of the task that the robot lacks, terms that do not suit it, and terms that cannot be minimised."""
     if task is None:
         return []
+    joints = robot.joint_names
     issues = [
-        Issue(
-            "the robot has no such joint", ("task", "approach", name), name, one_of(name, robot.joint_names, "joints")
-        )
+        Issue("the robot has no such joint", ("task", "approach", name), name, one_of(name, joints, "joints"))
         for name in task.approach
-        if name not in robot.joint_names
+        if name not in joints
     ]
     for place, terms in (("minimize", task.minimize), ("subject_to", task.subject_to)):
         said: dict[tuple[str, ...], int] = {}
@@ -157,36 +132,25 @@ def _task_issues(robot: Robot, task: Task | None) -> list[Issue]:
                 term.check(robot)
                 if place == "minimize" and term.held(robot):
                     raise BadValueError(f"{term.kind} is no quantity to minimise", "move it to subject_to")
-                _check_said_once(term, said, place)
+                for subject in term.subjects:
+                    if subject in said:
+                        first = f"{place}[{said[subject]}]"
+                        message = f"{term.subjects[subject]} is stated twice, first in {first}"
+                        raise BadValueError(message, "keep one of the two")
             except BadValueError as error:
                 issues.append(error.issue(("task", place, index), term.kind))
             said |= dict.fromkeys(term.subjects, index)
     return issues
 
 
-def _check_said_once(term: Term, said: Mapping[tuple[str, ...], int], place: str) -> None:
-    """Refuse a term of which an earlier one of the list speaks too: one of the two would count, or none.
-
-    Args:
-        said: subject -> index of the term that speaks of it.
-    """
-    for subject, words in term.subjects.items():
-        if subject in said:
-            raise BadValueError(f"{words} is stated twice, first in {place}[{said[subject]}]", "keep one of the two")
-
-
 def _check_masses(robot: Robot, effect: CatalogueEntry) -> None:
-    """Refuse an effect of gravity on links whose masses nobody states."""
-    if (
-        any("masses" in moving.asks for moving in moving_effects([effect]))
-        and not ArmState(robot, [0.0] * robot.n).weighed
-    ):
+    asked = any("masses" in moving.asks for moving in moving_effects([effect]))
+    if asked and not ArmState(robot, [0.0] * robot.n).weighed:
         message = "masses or centres of mass of some links are not stated"
         raise BadValueError(message, "add mass and com to the joints")
 
 
 def _inputs(robot: Robot, task: Task | None) -> Inputs:
-    """The inputs of the effects: of the task, else of the robot, else their reference."""
     if task is None:
         return Inputs(payload=robot.payload)
     warmth = 0.0 if task.temperature is None else task.temperature - REFERENCE_TEMPERATURE
@@ -208,12 +172,3 @@ def _pair_fault(sources: Sources, a: str, b: str) -> Issue | None:
     if sources.constant[at[a], at[b]] != 0:
         return Issue(f"the correlation of {a} and {b} is stated twice", hint="keep one, here or under uncertainty")
     return None
-
-
-def _correlated(sources: Sources, a: str, b: str, rho: float) -> Sources:
-    """The sources with ``ρ σ_a σ_b`` added to the covariance of a and b."""
-    i, j = sources.names.index(a), sources.names.index(b)
-    covariance = sources.covariance.copy()
-    variance = sources.constant
-    covariance[i, j] = covariance[j, i] = sources.covariance[i, j] + rho * (variance[i, i] * variance[j, j]) ** 0.5
-    return replace(sources, covariance=covariance)

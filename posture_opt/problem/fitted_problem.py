@@ -1,8 +1,4 @@
-"""What measurements found, to be planned with and written: problems of one arm, the section of a batch.
-
-A fit of one robot becomes a complete problem with corrections and covariance; a batch becomes the section
-``uncertainty`` for any further robot of the type.
-"""
+"""What measurements found, to be planned with and written: problems of one arm, the section of a batch."""
 
 from __future__ import annotations
 
@@ -19,16 +15,12 @@ from posture_opt.model.effects import CatalogueEntry, NoiseEffect
 from posture_opt.numerics import Array
 from posture_opt.problem.effects_section import of_a_type
 from posture_opt.problem.fitting import WORKPIECE_KEYS
-from posture_opt.problem.plain_data import Plain, Section
 from posture_opt.problem.problem import Problem
-from posture_opt.problem.yaml_source import dump_yaml
+from posture_opt.problem.yaml_source import Plain, Section, dump_yaml
 from posture_opt.robot.robot import Factor
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.validation.prediction import joint_errors
 
-_MIN_EIGENVALUE = (
-    1e-3  # eigenvalue of the correlations that are written: rounded to three digits they stay positive definite
-)
 _KEPT_KEYS = ("scatter", "repeatability", "weights", "measurement", *WORKPIECE_KEYS)
 
 
@@ -84,13 +76,7 @@ def extended_problem(problem: Problem, diagnosis: Diagnosis) -> Problem:
 
 
 def batch_uncertainty(problem: ProblemData, batch: Batch) -> Section:
-    """The section ``uncertainty``: σ's across the batch and its significant correlations.
-
-    What the file says of parameters that were not found to vary, of scatter from repeat to repeat and of the
-    instrument stays. Correlations that are left out, or rounded, could make the others contradict each other: all are
-    then multiplied by the same factor below 1 until the matrix is positive definite. What effects state stays with the
-    effects.
-    """
+    """The section ``uncertainty``: σ's across the batch and its significant correlations."""
     problem = problem.without_noise()
     parameters, former = problem.robot.parameters, problem.to_dict().get("uncertainty") or {}
     sigma = {
@@ -110,19 +96,20 @@ def batch_uncertainty(problem: ProblemData, batch: Batch) -> Section:
     if "repeatability" in kept and set(sigma) & set(joint_errors(problem.robot)):
         # With a σ of a joint's value the file takes scatter in place of a repeatability: the same, joint by joint.
         rest = ("measurement", *WORKPIECE_KEYS)
-        kept = {"scatter": _scatter(problem)} | {key: kept[key] for key in rest if key in kept}
+        variances = np.diag(problem.sources.scatter)
+        scatter = {
+            name: _text(math.sqrt(v), parameters[name])
+            for name, v in zip(problem.sources.names, variances, strict=True)
+            if v > 0
+        }
+        kept = {"scatter": scatter} | {key: kept[key] for key in rest if key in kept}
     return {"sigma": texts, **({"correlation": pairs} if pairs else {}), **kept}
 
 
 def batch_effects(
     problem: ProblemData, correlation: Sequence[Sequence[Plain]], named: Sequence[NoiseEffect]
 ) -> list[Section]:
-    """The section ``effects`` with the noise that a batch ``named``, without lengths that ``correlation`` has.
-
-    Args:
-        correlation: entries ``[a, b, ρ]`` of the new section ``uncertainty``.
-        named: noise that the diagnosis of the batch found; it is joined with what the file states of the same name.
-    """
+    """The section ``effects`` with the noise that a batch ``named``, without lengths that ``correlation`` has."""
     correlated = {frozenset(pair[:2]) for pair in correlation}
     section: dict[str, tuple[CatalogueEntry, Section]] = {
         effect.name: (effect, entry)
@@ -151,11 +138,7 @@ def batch_yaml(problem: ProblemData, batch: Batch, named: Sequence[NoiseEffect] 
 
 
 def mean_lines(problem: ProblemData, batch: Batch) -> list[str]:
-    """The mean robot, where it is not the file's: corrections for the section ``robot``.
-
-    A parameter is listed where its mean is more than t(0.975, robots − 1) standard errors off nominal; nothing where
-    none is.
-    """
+    """The mean robot, where it is not the file's: corrections for the section ``robot``."""
     from scipy.special import stdtrit
 
     sure = float(stdtrit(len(batch.robots) - 1, 0.975))
@@ -174,7 +157,6 @@ def mean_lines(problem: ProblemData, batch: Batch) -> list[str]:
 
 
 def _doubts(problem: ProblemData, batch: Batch) -> list[str]:
-    """What the file said of joint values may have meant their scatter from repeat to repeat."""
     stated, own = _stated(problem), joint_errors(problem.robot)
     written = [n for n, (low, _) in zip(batch.names, batch.spread.interval, strict=True) if low > 0 and n in stated]
     replaced = [f"{n}: {_text(stated[n], problem.robot.parameters[n])}" for n in written if n in own]
@@ -186,16 +168,6 @@ def _doubts(problem: ProblemData, batch: Batch) -> list[str]:
     ]
 
 
-def _scatter(problem: ProblemData) -> dict[str, str]:
-    """All that the file says of scatter from repeat to repeat, parameter by parameter."""
-    variances, parameters = np.diag(problem.sources.scatter), problem.robot.parameters
-    return {
-        name: _text(math.sqrt(v), parameters[name])
-        for name, v in zip(problem.sources.names, variances, strict=True)
-        if v > 0
-    }
-
-
 def _stated(problem: ProblemData) -> dict[str, float]:
     """Standard deviation [rad or m] of every source that the file states as constant."""
     sources = problem.sources
@@ -204,26 +176,20 @@ def _stated(problem: ProblemData) -> dict[str, float]:
 
 
 def _definite(names: list[str], rho: dict[tuple[str, str], float]) -> dict[tuple[str, str], float]:
-    """Correlations to three decimals, multiplied by powers of 0.98 until their matrix is positive definite."""
     share = 1.0
     while True:
         rounded = {pair: round(share * r, 3) for pair, r in rho.items()}
-        if _smallest(names, rounded) >= _MIN_EIGENVALUE:
+        matrix: Array = np.eye(len(names))
+        for (a, b), r in rounded.items():
+            i, j = names.index(a), names.index(b)
+            matrix[i, j] = matrix[j, i] = r
+        # Rounded to three digits, correlations with eigenvalues of a thousandth stay positive definite.
+        if not names or np.linalg.eigvalsh(matrix)[0] >= 1e-3:
             return rounded
         share *= 0.98
 
 
-def _smallest(names: list[str], rho: dict[tuple[str, str], float]) -> float:
-    """The smallest eigenvalue of the correlation matrix of some names; 1 without any."""
-    matrix: Array = np.eye(len(names))
-    for (a, b), r in rho.items():
-        i, j = names.index(a), names.index(b)
-        matrix[i, j] = matrix[j, i] = r
-    return float(np.linalg.eigvalsh(matrix)[0]) if names else 1.0
-
-
 def _text(value: float, factor: Factor) -> str:
-    """Four digits with a unit that reads well: 10.23 mm, 0.01234 deg."""
     number, unit = (math.degrees(value), "deg") if factor.kind == "rotate" else (value * 1e3, "mm")
     digits = max(3 - math.floor(math.log10(abs(number))), 0) if number else 0
     return f"{number:.{digits}f} {unit}"

@@ -1,8 +1,4 @@
-"""A problem as its files have it: quantities as text, and robot, effects and sources that measurements found.
-
-Numbers are rounded as the file writes them before they are computed with, so that a problem and the file that is
-written of it give the same answer to the last digit.
-"""
+"""A problem as its files have it: quantities as text, and robot, effects and sources that measurements found."""
 
 from __future__ import annotations
 
@@ -15,11 +11,10 @@ from typing import TYPE_CHECKING
 from posture_opt.errors import InputError
 from posture_opt.model.effects import CatalogueEntry, Effect, NoiseEffect
 from posture_opt.problem.effects_section import of_a_type
-from posture_opt.problem.plain_data import Plain, Section
-from posture_opt.problem.yaml_source import dump_yaml
+from posture_opt.problem.yaml_source import Plain, Section, dump_yaml
 from posture_opt.robot.corrections import corrections_of, deviated, name_issues
 from posture_opt.robot.robot import Factor, Robot
-from posture_opt.selection.fitted_arm import NEGLIGIBLE, FittedArm
+from posture_opt.selection.problem_data import NEGLIGIBLE, FittedArm
 from posture_opt.texts import one_line
 from posture_opt.uncertainty.sources.covariance_file import covariance_text
 from posture_opt.uncertainty.sources.sources import Sources
@@ -30,8 +25,8 @@ if TYPE_CHECKING:
     from posture_opt.diagnosis.diagnosis import Diagnosis
     from posture_opt.selection.problem_data import ProblemData
 
+# Keys of the section ``uncertainty`` that speak of what the tool works on, and not of the arm
 WORKPIECE_KEYS = ("workpiece", "feature")
-"""Keys of the section ``uncertainty`` that speak of what the tool works on, and not of the arm."""
 _FRAME_PARTS = ("x", "y", "z", "roll", "pitch", "yaw")
 
 
@@ -53,11 +48,8 @@ def _negligible(value: float, factor: Factor) -> bool:
 
 
 def rounded(sigma: float, factor: Factor) -> tuple[float, str]:
-    """A standard deviation to four digits [rad or m], and as files have it: 0.005012 deg.
-
-    Args:
-        sigma: [rad or m]; ``factor`` the transformation whose parameter it is of.
-    """
+    """A standard deviation to four digits [rad or m], and as files have it: 0.005012 deg."""
+    # sigma: [rad or m]; ``factor`` the transformation whose parameter it is of
     turns = factor.kind == "rotate"
     number = float(f"{math.degrees(sigma) if turns else sigma * 1e3:.4g}")
     text = f"{number:.12f}".rstrip("0").rstrip(".")
@@ -86,16 +78,7 @@ def commented(header: Sequence[str], document: Mapping[str, Plain]) -> str:
 
 
 def fitted_robots(nominal: Robot, robot: Robot, fit: FittedArm) -> tuple[Robot, Robot]:
-    """The robot without and with corrections after a fit; frames that were found are numbers of both, not free.
-
-    What was found has the digits that its file gives it, so that the file holds this very robot.
-
-    Args:
-        nominal: the robot of the problem without corrections; ``robot`` with them.
-
-    Raises:
-        InputError: the fit is one of another robot.
-    """
+    """The robot without and with corrections after a fit; frames that were found are numbers of both, not free."""
     issues = [issue for name in fit.deviations for issue in name_issues(name, robot.parameters)]
     if issues:
         raise InputError(issues)
@@ -119,11 +102,7 @@ def fitted_robots(nominal: Robot, robot: Robot, fit: FittedArm) -> tuple[Robot, 
 
 
 def arm_of(problem: ProblemData, fit: FittedArm | Calibration | Diagnosis) -> FittedArm:
-    """The arm that a fit found, in the terms of a problem.
-
-    Args:
-        fit: that arm itself; a diagnosis, which has it; or a calibration, of which it is computed.
-    """
+    """The arm that a fit found, in the terms of a problem."""
     if isinstance(fit, FittedArm):
         return fit
     if hasattr(fit, "fitted_arm"):
@@ -143,11 +122,7 @@ def _owner(name: str) -> str:
 
 
 def fitted_effects(former: Sequence[CatalogueEntry], fit: FittedArm) -> tuple[CatalogueEntry, ...]:
-    """The effects of a problem and those of a fit; what was found of a known one is added to it.
-
-    Effects that say how robots of a type differ are left out: one of them was measured. Without a covariance of the
-    fit (``fit.known`` is None) the effects stay as they were.
-    """
+    """The effects of a problem and those of a fit; what was found of a known one is added to it."""
     if fit.known is None:
         return tuple(former)
     effects = {effect.name: effect for effect in former if not of_a_type(effect)}
@@ -162,24 +137,17 @@ def fitted_effects(former: Sequence[CatalogueEntry], fit: FittedArm) -> tuple[Ca
     for noise in fit.noises:
         stated = effects.get(noise.name)
         effects[noise.name] = stated.joined(noise) if isinstance(stated, NoiseEffect) else noise
-    return tuple(_under_covariance(effect, fit) for effect in effects.values())
-
-
-def _under_covariance(effect: CatalogueEntry, fit: FittedArm) -> CatalogueEntry:
-    """The effect as its file will have it, with the covariance of the fit in place of its own."""
-    if isinstance(effect, Effect):
-        own = fit.known is not None and bool(set(effect.parameter_names) & set(fit.known.names))
-        effect = effect.model_copy(update={"covariance": fit.covariance_file if own else None})
-    return type(effect).model_validate(effect.to_dict())
+    # As their file will have them, with the covariance of the fit in place of their own.
+    for name, effect in effects.items():
+        if isinstance(effect, Effect):
+            own = bool(set(effect.parameter_names) & set(fit.known.names))
+            effect = effect.model_copy(update={"covariance": fit.covariance_file if own else None})
+        effects[name] = type(effect).model_validate(effect.to_dict())
+    return tuple(effects.values())
 
 
 def robot_section(section: Mapping[str, Plain], nominal: Robot, robot: Robot, fit: FittedArm) -> Section:
-    """The section ``robot`` of a file with frames as numbers, corrections and gravity as they are after a fit.
-
-    Args:
-        section: as it was given; what a fit has no part in stays.
-        nominal: the robot without, ``robot`` with the corrections. Those below rounding are not written.
-    """
+    """The section ``robot`` of a file with frames as numbers, corrections and gravity as they are after a fit."""
     corrections = {
         name: text
         for name, value in corrections_of(nominal, robot).items()
@@ -195,16 +163,13 @@ def robot_section(section: Mapping[str, Plain], nominal: Robot, robot: Robot, fi
 
 
 def _kept_radius(section: Mapping[str, Plain], frame: str) -> Section:
-    """The radius that a frame was given with, as of a tool."""
     given = section.get(frame)
     return {"radius": given["radius"]} if isinstance(given, Mapping) and "radius" in given else {}
 
 
 def uncertainty_section(section: Mapping[str, Plain], robot: Robot, fit: FittedArm) -> Section:
-    """The section ``uncertainty`` of a file after a fit: covariance, scatter; instrument and workpiece as they were.
-
-    A covariance replaces σ's and correlations of parameters; without one in the fit the section stays as it was.
-    """
+    """The section ``uncertainty`` of a file after a fit: covariance, scatter; instrument and workpiece as they were."""
+    # A covariance replaces σ's and correlations of parameters; without one in the fit the section stays as it was
     if fit.known is None:
         return dict(section)
     scatter = {name: rounded(sigma, robot.parameters[name])[1] for name, sigma in fit.scatter.items()}
@@ -236,12 +201,8 @@ def fitted_document(
 
 
 def released_document(former: Mapping[str, Plain], frames: Sequence[str], parameters: Sequence[str]) -> Section:
-    """The plain data of a file with frames free, which start as they were stated, and without some σ's.
-
-    Args:
-        frames: ``base``, ``tool``, which become free.
-        parameters: whose σ's and correlations are removed.
-    """
+    """The plain data of a file with frames free, which start as they were stated, and without some σ's."""
+    # parameters: whose σ's and correlations are removed
     section = former["robot"]
     free = {frame: {**stated, "free": True} if (stated := section.get(frame)) else "free" for frame in frames}
     document = {**former, "robot": {**section, **free}}

@@ -10,15 +10,13 @@ from posture_opt.errors import InputError, Issue, did_you_mean, either, listed, 
 from posture_opt.files import builtin_names as builtin_names
 from posture_opt.files import is_file, is_there, nearest_file
 from posture_opt.files import problems_folder as problems_folder
-from posture_opt.problem.plain_data import Plain, plain
 from posture_opt.problem.problem import Problem, build_problem
-from posture_opt.problem.yaml_source import ProblemDocument, read_yaml
+from posture_opt.problem.yaml_source import Plain, ProblemDocument, plain, read_yaml
 from posture_opt.texts import one_line
 
+# The files of a result that describe the arm: of a diagnosis, of a calibration
 _DELIVERED = "extended.yaml", "calibrated.yaml"
-"""The files of a result that describe the arm: of a diagnosis, of a calibration."""
 _DEFAULT_PROBLEM = "insert_planar_2r"
-_MAX_SUGGESTIONS = 4  # names that begin like what was written
 
 
 def load_problem(path: str | PathLike[str]) -> Problem:
@@ -68,11 +66,10 @@ def problem_from_dict(data: Mapping[str, Plain], folder: str | PathLike[str] = "
 
 
 def _near_builtin(name: str) -> str:
-    """A hint for an unknown name: built-in problems that are called like it; empty where a file is."""
     if nearest_file(Path(name)):
         return ""
     begun = [known for known in builtin_names() if known.startswith(name)]
-    near = begun[:_MAX_SUGGESTIONS] or [nearest(name, builtin_names())]
+    near = begun[:4] or [nearest(name, builtin_names())]
     if near[0]:
         return f"did you mean the built-in {either(near)}?"
     bare = Path(name).name == name and not Path(name).suffix
@@ -80,22 +77,14 @@ def _near_builtin(name: str) -> str:
 
 
 def load_builtin(name: str) -> Problem:
-    """The problem that travels with the package under ``name``.
-
-    Raises:
-        InputError: no such problem; the nearest name is offered.
-    """
+    """The problem that travels with the package under ``name``."""
     if name not in builtin_names():
         raise InputError(Issue(f"there is no built-in problem '{name}'", (), name, did_you_mean(name, builtin_names())))
     return load_problem(problems_folder() / f"{name}.yaml")
 
 
 def builtin_problem(task: str) -> Problem:
-    """The built-in problem of a task: the planar 2R arm of the lecture.
-
-    Raises:
-        InputError: no such task; the nearest is offered.
-    """
+    """The built-in problem of a task: the planar 2R arm of the lecture."""
     own = f"{task}_planar_2r"
     problem = load_builtin(own if own in builtin_names() else _DEFAULT_PROBLEM)
     return problem if problem.task and problem.task.kind == task else problem.with_task(task)

@@ -12,14 +12,13 @@ from posture_opt.measurements.reading import read_measurements
 from posture_opt.measurements.repeats import MIN_FREEDOM, repeated_readings
 from posture_opt.measurements.table import TableLike, open_table
 from posture_opt.problem.load import problem_from_dict
-from posture_opt.problem.plain_data import Plain, Section
 from posture_opt.problem.problem import Problem
+from posture_opt.problem.yaml_source import Plain, Section
 from posture_opt.robot.preset import preset_text
 from posture_opt.robot.robot import Robot
 from posture_opt.units import number
 
 _COUNTED_COLUMN = re.compile(r"^\s*(?P<stem>[A-Za-z]+[ _-]?)(?P<number>\d+)\s*\[")
-_EXAMPLE_TASK = "task: {kind: insert, direction: [0, 0, -1], position: [0.5 m, 0.2 m, 0.2 m]}"
 
 
 def problem_of_measured_robot(
@@ -28,20 +27,8 @@ def problem_of_measured_robot(
     uncertainty: Mapping[str, Plain] | None = None,
     columns: Mapping[str, str | int] | None = None,
 ) -> Problem:
-    """A problem to calibrate a robot with: base and tool free, the instrument's σ from repeats where there are enough.
-
-    Columns that count the joints of a preset, ``q1 … q6``, name them: the preset's table is then written out under
-    these names. The preset's repeatability is that of its data sheet.
-
-    Args:
-        section: the ``robot`` section of a problem file, ``{kind: preset, name: ur10}``.
-        data: the measurements, a file or a table.
-        uncertainty: the section of that name, where something is stated.
-        columns: known column -> header or number in the file, as in the section ``data``.
-
-    Raises:
-        InputError: the robot or the file cannot be used, or its columns are none of this robot's.
-    """
+    """A problem to calibrate a robot with."""
+    # Base and tool free, the instrument's σ from repeats where there are enough
     robot = dict(section)
     plain = problem_from_dict({"robot": robot}).robot
     if robot["kind"] == "preset" and not {*(columns or ())} & {*plain.joint_names}:
@@ -59,53 +46,39 @@ def problem_of_measured_robot(
     if freedom >= MIN_FREEDOM:
         stated["measurement"] = {"position": f"{number(sigma * 1e3, 2)} mm", "degrees_of_freedom": freedom}
     problem = problem_from_dict({**document, **({"uncertainty": stated} if stated else {})})
-    repeats = _from_repeats(sigma, freedom) if freedom >= MIN_FREEDOM else ""
-    notes = (*problem.notes, _free(problem.robot), *([f"the {repeats}"] if repeats else []))
-    return replace(problem, notes=notes, header=_header(_instrument(repeats, measured.touches)))
-
-
-def _free(robot: Robot) -> str:
-    """Which frames are free, of a robot that comes without a problem file."""
-    frames = [name for name, free in (("base", robot.base_free), ("tool", robot.tool_free)) if free]
-    if not frames:
-        return "no problem file is given; base and tool are those of the command line"
-    are = "are" if len(frames) > 1 else "is"
-    return f"no problem file is given: {' and '.join(frames)} {are} free, to be found from the data"
-
-
-def _from_repeats(sigma: float, freedom: int) -> str:
-    """Where the σ of the instrument comes from: scatter of repeats, so that it contains the scatter of the arm."""
+    if freedom < MIN_FREEDOM:
+        return _introduced(problem, "", measured.touches)
     size = f"{number(sigma * 1e3, 2)} mm"
-    return f"σ of the instrument, {size}, is the scatter of repeats ({freedom} degrees of freedom), the arm's included"
+    scatter = f"is the scatter of repeats ({freedom} degrees of freedom), the arm's included"
+    return _introduced(problem, f"σ of the instrument, {size}, {scatter}", measured.touches)
 
 
-def _instrument(repeats: str, touches: bool) -> tuple[str, str]:
-    """What is known of the instrument, and what could be stated: two lines of comment for the file."""
+def _introduced(problem: Problem, scatter: str, touches: bool) -> Problem:
+    """The problem with what its file says first: which frames are free, and where the instrument's σ is from."""
+    frames = [name for name, free in (("base", problem.robot.base_free), ("tool", problem.robot.tool_free)) if free]
+    note = "no problem file is given; base and tool are those of the command line"
+    if frames:
+        are = "are" if len(frames) > 1 else "is"
+        note = f"no problem file is given: {' and '.join(frames)} {are} free, to be found from the data"
+    few = "Too few postures are repeated to estimate the instrument's σ. Where it is known, state under uncertainty"
+    instrument = few, "  measurement: {position: 0.02 mm}"
     if touches:
-        return "Points are touched: a known distance gives the size of the arm,", "  data: {distances: [[a, b, 50 mm]]}"
-    if repeats:
-        return f"The {repeats}.", "State the instrument's own where it is known."
-    return "Too few postures are repeated to estimate the instrument's σ. Where it is known, state under uncertainty", (
-        "  measurement: {position: 0.02 mm}"
-    )
-
-
-def _header(instrument: tuple[str, str]) -> tuple[str, ...]:
-    """What the file says of itself in its first lines."""
-    return (
+        size = "Points are touched: a known distance gives the size of the arm,"
+        instrument = size, "  data: {distances: [[a, b, 50 mm]]}"
+    elif scatter:
+        instrument = f"The {scatter}.", "State the instrument's own where it is known."
+    header = (
         "A problem file of posture_opt, made for measurements of a robot. Edit it, and name it with --problem.",
         "A base or tool that is free is found from the data. Where one is known, write {xyz: [..], rpy: [..]}.",
         *instrument,
         "With a task, its posture is planned before and after calibration, in the frame of the measurements:",
-        f"  {_EXAMPLE_TASK}",
+        "  task: {kind: insert, direction: [0, 0, -1], position: [0.5 m, 0.2 m, 0.2 m]}",
     )
+    notes = (*problem.notes, note, *([f"the {scatter}"] if scatter else []))
+    return replace(problem, notes=notes, header=header)
 
 
 def _named_as_counted(section: Section, robot: Robot, headers: Sequence[str]) -> Section:
-    """The preset with its joints called as the columns count them; as it is where they do not.
-
-    The columns have to count all joints in order, from 0 or from 1, with one stem: ``q1``, ``axis 1``, ``J_1``.
-    """
     counted = [found for found in map(_COUNTED_COLUMN.match, headers) if found]
     numbers = [int(found["number"]) for found in counted]
     in_order = numbers in (list(range(robot.n)), list(range(1, robot.n + 1)))

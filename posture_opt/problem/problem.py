@@ -1,4 +1,4 @@
-"""``Problem``: a robot, the sources of its scatter, and what it has to do, ready to be computed with."""
+"""A problem: what its file says, changed by its keys, and written."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from posture_opt import explorer_of
 from posture_opt.errors import InputError, Issue, KeyPath
 from posture_opt.files import content, located, naming
 from posture_opt.model.effects import Effect
-from posture_opt.problem.camera_files import named_files
 from posture_opt.problem.effects_section import arm_with, moving_effects, noisy_sources
 from posture_opt.problem.fitting import (
     arm_of,
@@ -26,17 +26,14 @@ from posture_opt.problem.fitting import (
     sources_text,
     with_workpiece,
 )
+from posture_opt.problem.named_files import named_files, second_document, with_path
 from posture_opt.problem.parts import fixed_part, input_notes, parse_spec, part_notes, problem_notes, read_parts
-from posture_opt.problem.path_file import with_path
-from posture_opt.problem.plain_data import Plain, Section
-from posture_opt.problem.replacing import kept_of_task, replaced_data
-from posture_opt.problem.schema import ProblemSpec
-from posture_opt.problem.second_arms import second_document
-from posture_opt.problem.yaml_source import ProblemDocument
-from posture_opt.registration import registered
+from posture_opt.problem.schema import ProblemSpec, kept_of_task, replaced_data
+from posture_opt.problem.yaml_source import Plain, ProblemDocument, Section
+from posture_opt.robot.posture import Posture
 from posture_opt.robot.urdf_reader import MAX_BYTES
-from posture_opt.selection.fitted_arm import FittedArm
-from posture_opt.selection.problem_data import ProblemData
+from posture_opt.selection.answer.solution import Solution
+from posture_opt.selection.problem_data import FittedArm, ProblemData
 from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.uncertainty.sources.uncertainty_section import UncertaintySpec
 
@@ -44,10 +41,32 @@ if TYPE_CHECKING:
     from posture_opt.calibration.calibration import Calibration
     from posture_opt.diagnosis.diagnosis import Diagnosis
     from posture_opt.measurements.measurements import Measurements
-    from posture_opt.problem.live_page import LivePage
 
-_ROBOT_SECTIONS = ("name", "robot", "uncertainty", "effects", "data")
-"""Sections that speak of the robot and its measurements, wherever it is and whatever it does."""
+
+class LivePage(Protocol):
+    """A live page in a browser, as `Problem.explore` starts it."""
+
+    @property
+    def url(self) -> str:
+        """Its address."""
+
+    @property
+    def target(self) -> tuple[float, float, float]:
+        """Where the tool point is asked for, x, y, z [m], world; it can be set, and the page follows."""
+
+    @target.setter
+    def target(self, position: Sequence[float]) -> None: ...
+
+    @property
+    def posture(self) -> Posture | None:
+        """The posture of the latest answer; None while none is feasible."""
+
+    @property
+    def solution(self) -> Solution | None:
+        """The latest answer; None while none is feasible."""
+
+    def close(self) -> None:
+        """End the page, and everything that it computes."""
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -106,16 +125,8 @@ class Problem(ProblemData):
         found = with_path(spec.task, self.folder)
         found = found and found.for_robot(self.robot)
         arm = arm_with(self.robot, self.effects, found)
-        former_notes = input_notes(self.arm)
-        notes = (*(note for note in notes if note not in former_notes), *input_notes(arm))
-        return replace(
-            self,
-            arm=arm,
-            task=found,
-            document=document,
-            notes=notes,
-            overridden=frozenset(overridden),
-        )
+        notes = (*(note for note in notes if note not in input_notes(self.arm)), *input_notes(arm))
+        return replace(self, arm=arm, task=found, document=document, notes=notes, overridden=overridden)
 
     def replace(self, **changes: Plain) -> Problem:
         """The same problem with other values at some keys of its file, two underscores between the parts of a key.
@@ -155,7 +166,8 @@ class Problem(ProblemData):
 
     def of_robot(self) -> Problem:
         """The robot, what is uncertain about it, its effects and its data, without a task and a cell."""
-        kept = {key: value for key, value in self.document.items() if key in _ROBOT_SECTIONS}
+        sections = ("name", "robot", "uncertainty", "effects", "data")
+        kept = {key: value for key, value in self.document.items() if key in sections}
         if kept.get("uncertainty"):
             kept["uncertainty"] = with_workpiece(kept["uncertainty"], None)
         document = ProblemDocument(kept, self.origin.file, self.origin.lines)
@@ -217,7 +229,6 @@ class Problem(ProblemData):
         )  # fmt: skip
 
     def _with_known(self, known: Sources, fit: FittedArm) -> Problem:
-        """The problem under the covariance and the scatter of a fit."""
         parameters, file = self.robot.parameters, fit.covariance_file if known.names else None
         named = replace(known, notes=(f"covariance from {file}",)) if file else known
         scatter = {name: rounded(sigma, parameters[name]) for name, sigma in fit.scatter.items()}
@@ -250,7 +261,7 @@ class Problem(ProblemData):
         Raises:
             InputError: no task, or viser is missing (``pip install 'posture_opt[explore]'``).
         """
-        page: LivePage = registered("explorer", self)(port=port, browser=browser, data=data)
+        page: LivePage = explorer_of(self)(port=port, browser=browser, data=data)
         return page
 
     def to_dict(self) -> Section:
@@ -263,8 +274,14 @@ class Problem(ProblemData):
 
     def files(self, stem: str) -> dict[str, bytes]:
         """File name -> content: the problem file ``stem.yaml`` and what it needs with it, to be put in any folder."""
-        document, further = self.to_dict(), {}
+        document = self.to_dict()
+        further: dict[str, bytes] = {}
         names: dict[str, str] = {}
+
+        def put(entry: Plain, key: str, name: str) -> None:
+            if isinstance(entry, dict) and (given := entry.get(key)):
+                further[name], entry[key] = self._content(given), name
+
         for section, key, name in (
             ("uncertainty", "covariance", f"{stem}_covariance.csv"),
             ("robot", "file", f"{stem}.urdf"),
@@ -273,53 +290,38 @@ class Problem(ProblemData):
             ("cell", "scene", f"{stem}.scene"),
         ):
             inside = document.get(section)
-            given = inside.get(key) if isinstance(inside, dict) else None
-            if given:
-                further[name] = self._content(given)
-                document[section] = {**document[section], key: name}
-                names[given] = name
-        for section, name, key in named_files(document.get("data") or {}):
-            entry = document["data"][section][name]
-            copy_name = f"{stem}_{name}{Path(entry[key]).suffix}"
-            further[copy_name] = self._content(entry[key])
-            entry[key] = copy_name
-        for name, entry in ((document.get("data") or {}).get("pairs") or {}).items():
-            own = f"{stem}_{name}"
-            further |= self._second_arm(name).files(own)
-            entry["problem"] = f"{own}.yaml"
+            if isinstance(inside, dict) and inside.get(key):
+                names[inside[key]] = name
+                put(inside, key, name)
+        for section, own, key in named_files(document.get("data") or {}):
+            entry = document["data"][section][own]
+            put(entry, key, f"{stem}_{own}{Path(entry[key]).suffix}")
+        for own, entry in ((document.get("data") or {}).get("pairs") or {}).items():
+            further |= self._second_arm(own).files(f"{stem}_{own}")
+            entry["problem"] = f"{stem}_{own}.yaml"
         for effect in document.get("effects") or ():
-            given = effect.get("covariance")
-            if given:
-                name = names.setdefault(given, f"{stem}_effects{len(names) or ''}_covariance.csv")
-                further[name] = self._content(given)
-                effect["covariance"] = name
+            if given := effect.get("covariance"):
+                put(effect, "covariance", names.setdefault(given, f"{stem}_effects{len(names) or ''}_covariance.csv"))
         cell = document.get("cell")
-        for k, obstacle in enumerate(cell.get("obstacles") or () if isinstance(cell, dict) else ()):
-            if given := obstacle.get("file"):
-                obstacle["file"] = f"{stem}_obstacle{k + 1}{Path(given).suffix}"
-                further[obstacle["file"]] = self._content(given)
+        for k, obstacle in enumerate(cell.get("obstacles") or () if isinstance(cell, dict) else (), 1):
+            put(obstacle, "file", f"{stem}_obstacle{k}{Path(obstacle.get('file') or '').suffix}")
         part = (document.get("task") or {}).get("workpiece") or {}
-        if given := part.get("file"):
-            part["file"] = f"{stem}_workpiece{Path(given).suffix}"
-            further[part["file"]] = self._content(given)
+        put(part, "file", f"{stem}_workpiece{Path(part.get('file') or '').suffix}")
         return {f"{stem}.yaml": commented(self.header, document).encode(), **further}
 
     def _found_second_arm(self, name: str, fit: FittedArm) -> Problem:
-        """The problem of a second arm as it was found with this one; what is stated of its scatter stays."""
         problem = self._second_arm(name)
         sigma = np.sqrt(np.diag(problem.stated.scatter))
         scatter = {n: float(s) for n, s in zip(problem.stated.names, sigma, strict=True) if s > 0}
         return problem.with_fit(replace(fit, scatter=scatter))
 
     def _second_arm(self, name: str) -> Problem:
-        """The problem of a second arm: as it was found with this one, or as its file has it."""
         if name in self.second_arms:
             return self.second_arms[name]
         path = located(self.folder, self.document["data"]["pairs"][name]["problem"])
         return build_problem(second_document(path), path.parent, path.stem)
 
     def _content(self, name: str) -> bytes:
-        """The content of a file that the document names."""
         if name in self.attached:
             return self.attached[name].encode()
         path = located(self.folder, name)
@@ -332,11 +334,7 @@ class Problem(ProblemData):
 def build_problem(
     document: ProblemDocument, folder: Path, name: str, *, attached: Mapping[str, str] | None = None
 ) -> Problem:
-    """The problem of a document; ``name`` serves where the document has none, ``attached`` for files that it names.
-
-    Raises:
-        InputError: everything wrong with the document, each with file, line and key.
-    """
+    """The problem of a document; ``name`` serves where the document has none, ``attached`` for files that it names."""
     texts = attached or {}
     spec, (nominal, arm), (stated, sources) = read_parts(document, folder, texts)
     return Problem(

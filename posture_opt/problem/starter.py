@@ -1,17 +1,28 @@
-"""Commented problem files to start from: one for every preset, each solvable as it is.
-
-Numbers follow the size of the robot: target and region are shares of its stretched length.
-"""
+"""Commented problem files to start from, for presets and URDFs, solvable as they are."""
 
 from __future__ import annotations
 
+import math
+import os
 import string
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
 
+import numpy as np
+
+from posture_opt.errors import InputError, listed
+from posture_opt.measurements.measurements import nominal_poses
 from posture_opt.model.arm import Arm
-from posture_opt.problem.yaml_source import dump_scalar
+from posture_opt.numerics import Array, Mask
+from posture_opt.problem.load import problem_from_dict
+from posture_opt.problem.yaml_source import dump_scalar, parse_yaml
 from posture_opt.robot import load_preset
 from posture_opt.robot.robot import Robot
+from posture_opt.robot.urdf import UrdfRobot
+from posture_opt.selection.answer.selector import PostureSelector
+from posture_opt.texts import one_line
+from posture_opt.units import joint_text
 
 _STARTER_TEMPLATE = string.Template("""\
 # A problem file of posture_opt: in which posture does the position scatter of this arm hurt the task least?
@@ -73,57 +84,37 @@ $sigma
   # repeatability: 0.05 mm
 """)
 
-_TABLE_LINE = "    - {kind: link_height, at_least: 50 mm}      # elbow and wrist stay above the table: world z\n"
-
-
-_PRESET_TEMPLATE = string.Template("""\
-  kind: preset
-  name: $preset
-  # joints: $joints""")
-
 
 @dataclass(frozen=True)
 class StarterTarget:
-    """Where a starter's task is done: what its lines in the file say.
+    """Where a starter's task is done: what its lines in the file say."""
 
-    Args:
-        direction: of the task, as the file has it, world frame.
-        position: (3,) of the target [m], world frame; None: it is part of the answer.
-        above_table: whether links have to stay above the table.
-    """
-
-    direction: str
-    position: tuple[float, ...] | None
-    above_table: bool
+    direction: str  # of the task, as the file has it, world frame
+    position: tuple[float, ...] | None  # (3,) of the target [m], world frame; None: it is part of the answer
+    above_table: bool  # whether links have to stay above the table
 
 
 def starter_text(preset: str) -> str:
-    """The text of a problem file for a preset, with comments.
-
-    Raises:
-        InputError: no preset has this name; the nearest is offered.
-    """
+    """The text of a problem file for a preset, with comments."""
     robot = load_preset(preset)
     # Well off the base axis and well within reach; a SCARA, which has no wrist to turn down, may stretch further.
-    x, y = (0.45, 0.15) if _all_turn(robot) else (0.6, 0.3)
-    place = (x * _stretched(robot), y * _stretched(robot), _height(robot))
+    turns, stretched = all(joint.type == "revolute" for joint in robot.joints), _stretched(robot)
+    x, y = (0.45, 0.15) if turns else (0.6, 0.3)
+    middle = [(joint.lower + joint.upper) / 2 for joint in robot.joints]
+    height = 0.0 if is_planar(robot) else 0.1 * stretched if turns else float(Arm(robot).position(middle)[2])
     # The arm of a SCARA stays at its height and its quill has to go below it; a planar arm lies in its table.
-    target = StarterTarget(sensible_direction(robot), place, _all_turn(robot) and not is_planar(robot))
-    return filled_starter(
-        robot, _PRESET_TEMPLATE.substitute(preset=preset, joints=", ".join(robot.joint_names)), target
-    )
+    above = turns and not is_planar(robot)
+    target = StarterTarget(sensible_direction(robot), (x * stretched, y * stretched, height), above)
+    section = f"  kind: preset\n  name: {preset}\n  # joints: {', '.join(robot.joint_names)}"
+    return filled_starter(robot, section, target)
 
 
 def filled_starter(robot: Robot, section: str, target: StarterTarget) -> str:
-    """The text of a problem file for a robot.
-
-    Args:
-        section: the first lines of the section ``robot``, indented.
-        target: without a position, one is suggested in a comment.
-    """
+    """The text of a problem file for a robot."""
     reach = min(1.0, _stretched(robot))  # m: a small arm does not reach to the places of a large one
     x, y, z = target.position or (0.5 * reach, 0.2 * reach, 0.1 * reach)
     position = f"position: {_point([x, y, z])}"
+    above = "    - {kind: link_height, at_least: 50 mm}      # elbow and wrist stay above the table: world z\n"
     return _STARTER_TEMPLATE.substitute(
         title=dump_scalar(f"Insertion with the {robot.name}"),
         robot=section,
@@ -132,7 +123,7 @@ def filled_starter(robot: Robot, section: str, target: StarterTarget) -> str:
         position=f"  {position}" if target.position else f"  # {position}",
         minimum=_point([x, -y, z]),
         maximum=_point([1.2 * x, y, z]),
-        table=_TABLE_LINE if target.above_table else "",
+        table=above * target.above_table,
     )
 
 
@@ -142,7 +133,6 @@ def sensible_direction(robot: Robot) -> str:
 
 
 def _uncertainty(robot: Robot) -> str:
-    """The section ``uncertainty``: the data sheet's repeatability with its source, else 0.02 deg or 0.01 mm a joint."""
     sigma_of = {"revolute": ("theta", "0.02 deg"), "prismatic": ("d", "0.01 mm")}
     own = [f"{joint.name}.{sigma_of[joint.type][0]}" for joint in robot.joints]
     values = [f"{dump_scalar(name)}: {sigma_of[joint.type][1]}" for name, joint in zip(own, robot.joints, strict=True)]
@@ -162,28 +152,8 @@ def _stretched(robot: Robot) -> float:
     return sum(abs(factor.nominal) for factor in robot.factors if factor.kind == "translate")
 
 
-def _height(robot: Robot) -> float:
-    """A height that the tool reaches easily [m, world z]: 0 of a planar arm, a tenth of the stretched length of an arm
-    that turns, the height in the middle of the ranges of any other.
-    """
-    if is_planar(robot):
-        return 0.0
-    if _all_turn(robot):
-        return 0.1 * _stretched(robot)
-    middle = [(joint.lower + joint.upper) / 2 for joint in robot.joints]
-    return float(Arm(robot).position(middle)[2])
-
-
-def _all_turn(robot: Robot) -> bool:
-    """Whether all joints are revolute."""
-    return all(joint.type == "revolute" for joint in robot.joints)
-
-
 def is_planar(robot: Robot) -> bool:
-    """Whether all joints turn about the z axis of the base and no link leaves its plane.
-
-    Then the tool point stays at one height, and tasks need a direction in the plane.
-    """
+    """Whether all joints turn about the z axis of the base and no link leaves its plane."""
     rotations = [factor for factor in robot.factors if factor.kind == "rotate"]
     slides = any(factor.kind == "translate" and factor.joint is not None for factor in robot.factors)
     turned_about = {factor.axis for factor in rotations if factor.nominal or factor.joint is not None}
@@ -193,3 +163,82 @@ def is_planar(robot: Robot) -> bool:
 def _point(values: list[float]) -> str:
     """A point (3,) [m] as the file has it, to the centimetre."""
     return f"[{', '.join(f'{value:.2f} m' for value in values)}]"
+
+
+def urdf_starter_text(file: Path, base_link: str | None, tip_link: str | None, folder: Path) -> str:
+    """The text of a problem file for a URDF, with comments; it solves as it is."""
+    spec = UrdfRobot(kind="urdf", file=str(file.absolute()), base_link=base_link, tip_link=tip_link)
+    robot = spec.build(Path())
+    # The problem file names the URDF relative to itself, or as it was named where that was a whole path.
+    section = _section(spec, robot, str(file) if file.is_absolute() else Path(os.path.relpath(file, folder)).as_posix())
+    solved = _section(spec, robot, str(file.absolute()))
+    for target in _targets(robot):
+        if _solves(filled_starter(robot, solved, target)):
+            return filled_starter(robot, section, target)
+    return filled_starter(robot, section, StarterTarget(sensible_direction(robot), None, False))
+
+
+def _solves(text: str) -> bool:
+    problem = problem_from_dict(parse_yaml(text).data)
+    try:
+        return PostureSelector(problem, compiled=False).feasible(4)
+    except InputError:  # the arm cannot be asked for this: no joint changes the height of its links, say
+        return False
+
+
+def _targets(robot: Robot) -> Iterator[StarterTarget]:
+    direction = sensible_direction(robot)
+    lower, upper = np.array(robot.lower), np.array(robot.upper)
+    room = 0.1 * (upper - lower)  # of its range that a joint keeps from either limit
+    q = np.random.default_rng(0).uniform(lower + room, upper - room, (20_000, robot.n))
+    points, rotations = nominal_poses(robot, q)
+    wanted = np.array(parse_yaml(f"direction: {direction}").data["direction"], dtype=float)
+    along = rotations[:, :, 2] @ wanted > math.cos(math.radians(20))  # the search does the rest
+    ends = [replace(robot, links=robot.links[: k + 1], tool=()) for k in range(robot.n)]
+    heights = np.column_stack([nominal_poses(end, q)[0][:, 2] for end in ends])
+    # All links that can be lifted end 60 mm above the table: they have to stay 50 mm above it.
+    raised = np.all(heights[:, np.ptp(heights, axis=0) > 0] > 0.06, axis=1)
+    if direction == "[0, 0, -1]" and (raised & along).any():
+        yield StarterTarget(direction, _pleasant_place(points, raised & along), True)
+    yield StarterTarget(direction, _pleasant_place(points, along if along.any() else ~along), False)
+
+
+def _pleasant_place(points: Array, usable: Mask) -> tuple[float, ...]:
+    """A usable point (3,) in whole centimetres, off the base axis and well within reach [m]."""
+    wanted = np.array([0.5, 0.2, 0.15]) * np.linalg.norm(points, axis=1).max()
+    chosen = points[usable]
+    near = chosen[np.argmin(np.linalg.norm(chosen - wanted, axis=1))]
+    return tuple(float(round(value, 2)) + 0.0 for value in near)
+
+
+def _section(spec: UrdfRobot, robot: Robot, file: str) -> str:
+    source = dict(robot.sources)
+    links = [
+        "kind: urdf",
+        f"file: {dump_scalar(file)}",
+        f"base_link: {dump_scalar(source['base_link'])}",
+        f"tip_link: {dump_scalar(source['tip_link'])}      # the tool point is its origin, unless tool: says otherwise",
+    ]
+    tip = spec.chosen_tip(Path())
+    remarks = [
+        f"joint {joint} is taken for a finger of a gripper ({why}): the chain ends before it"
+        for joint, why in tip.fingers
+    ]
+    if tip.others:
+        others = listed(tip.others, 8)
+        remarks.append(f"the chain could also end at {others}: write it there, or --tip-link LINK")
+    remarks += [line for line in _remarks(robot) if line not in tip.notes()]
+    return "\n".join(f"  {line}" for line in (*links, *(f"# {one_line(line)}" for line in remarks)))
+
+
+def _remarks(robot: Robot) -> Iterator[str]:
+    yield "joints of the chain, with the limits of the URDF:"
+    width = max(map(len, robot.joint_names))
+    for joint in robot.joints:
+        lower, upper = joint_text(joint.lower, joint.unit), joint_text(joint.upper, joint.unit)
+        yield f"  {joint.name:{width}}  {joint.type}, {lower} to {upper}"
+    yield from robot.notes
+    bare = [joint.name for joint in robot.joints if not math.isfinite(joint.mass)]
+    if bare:
+        yield f"no <inertial> behind {', '.join(bare)}: effects of gravity need masses, all else does not"
+    yield from robot.shape_notes

@@ -1,43 +1,51 @@
-"""YAML text as plain data, with the line of every key, and with nothing in it that could surprise.
-
-Values are read by the core schema of YAML 1.2: ``on``, ``yes`` and ``12:30`` stay texts, ``1e-3`` is a number. Keys
-are texts as they are written. Duplicate keys, foreign tags and aliases that unfold to very many entries are refused.
-"""
+"""YAML text as plain data, with the line of every key; and edited text with all its comments."""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from os import PathLike, fspath
 from pathlib import Path
+from typing import Any, NamedTuple
 
+import numpy as np
 import yaml
 
 from posture_opt.errors import InputError, Issue, KeyPath
 from posture_opt.files import content, naming
-from posture_opt.problem.plain_data import Plain, Section
+
+Plain = Any  # A value of a problem file before its schema has read it: text, number, or lists and mappings of them
+Section = dict[str, Plain]  # A section of a problem file, or all of them, by their keys
+
+
+def plain(value: object) -> Plain:
+    """Mappings, sequences, arrays and paths as the plain types that a file would give, all of them new."""
+    if isinstance(value, Mapping):
+        return {"on" if key is True else str(key): plain(entry) for key, entry in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [plain(entry) for entry in value]
+    if isinstance(value, int) and abs(value) > 10**300:  # beyond it no float can follow: it is infinite
+        return math.inf if value > 0 else -math.inf
+    return fspath(value) if isinstance(value, PathLike) else value
+
 
 MAX_BYTES = 1_000_000  # bytes; the largest problem file written by hand has some thousand
-_MAX_PARAMETERS_IN_LINE = 2  # parameters; of more, a line breaks between number and unit
 _MAX_NODES = 200_000  # after aliases are expanded; a file of the size above has fewer without any
 _STARTER_HINT = "'optimize-posture new planar_2r' prints a problem file to start from"
 
 
 @dataclass(frozen=True)
 class ProblemDocument:
-    """The data of one problem file.
+    """The data of one problem file."""
 
-    Args:
-        data: as plain types; ``file`` its name, empty where there is none.
-        lines: the line of each key path, from 1.
-        issues: what is wrong already.
-    """
-
-    data: Section
-    file: str = ""
-    lines: dict[KeyPath, int] = field(default_factory=dict)
-    issues: tuple[Issue, ...] = ()
+    data: Section  # as plain types
+    file: str = ""  # its name, empty where there is none
+    lines: dict[KeyPath, int] = field(default_factory=dict)  # the line of each key path, from 1
+    issues: tuple[Issue, ...] = ()  # what is wrong already
 
     def placed(self, issue: Issue) -> Issue:
         """The issue with file and line of its key, or of the nearest entry around it."""
@@ -67,21 +75,12 @@ for _tag, _pattern, _first in (
 
 
 def read_yaml(path: str | Path) -> ProblemDocument:
-    """The document in a file.
-
-    Raises:
-        InputError: no such file, not readable, too large, not UTF-8, not YAML, or no mapping at the top.
-    """
+    """The document in a file."""
     path = Path(path)
     return parse_yaml(_read_text(path), str(path))
 
 
 def _read_text(path: Path) -> str:
-    """The text of a file.
-
-    Raises:
-        InputError: it cannot be read, is too large, or is not UTF-8; with the line of the first wrong byte.
-    """
     try:
         found = content(path, MAX_BYTES)
     except InputError as error:
@@ -96,14 +95,7 @@ def _read_text(path: Path) -> str:
 
 
 def parse_yaml(text: str, file: str = "") -> ProblemDocument:
-    """The document in a text; ``file`` is what messages call it.
-
-    >>> parse_yaml("robot: {kind: preset, name: ur10}").data["robot"]["name"]
-    'ur10'
-
-    Raises:
-        InputError: not YAML, empty, nested too deeply, or no mapping at the top.
-    """
+    """The document in a text; ``file`` is what messages call it."""
     node = compose(text, file)
     if node is None:
         raise InputError(Issue("the file is empty", file=file, hint=_STARTER_HINT))
@@ -123,11 +115,7 @@ def parse_yaml(text: str, file: str = "") -> ProblemDocument:
 
 
 def compose(text: str, file: str = "") -> yaml.Node | None:
-    """The node tree of a text; None of an empty one.
-
-    Raises:
-        InputError: not YAML, or characters that no text file has; with the line.
-    """
+    """The node tree of a text; None of an empty one."""
     try:
         loader = _Loader(text)
         try:
@@ -146,9 +134,6 @@ def compose(text: str, file: str = "") -> yaml.Node | None:
 
 
 def _yaml_issue(error: yaml.MarkedYAMLError, text: str, file: str) -> Issue:
-    """PyYAML's error with the line that it is in, and a hint for the usual mistakes: tabs, a colon too many,
-    indentation, several documents, a text that begins with ``*`` or ``&``.
-    """
     mark = error.problem_mark or error.context_mark
     line = mark.line + 1 if mark else 0
     problem = (error.problem or error.context or "").rstrip(".")
@@ -167,11 +152,7 @@ def _yaml_issue(error: yaml.MarkedYAMLError, text: str, file: str) -> Issue:
 
 
 class _Reader:
-    """Converts composed nodes to plain data and notes lines, duplicate keys and foreign tags on the way.
-
-    Args:
-        file: what messages call the document.
-    """
+    """Converts composed nodes to plain data and notes lines, duplicate keys and foreign tags on the way."""
 
     def __init__(self, file: str) -> None:
         self.file = file
@@ -181,11 +162,7 @@ class _Reader:
         self._nodes = 0
 
     def value(self, node: yaml.Node, key: KeyPath) -> Plain:
-        """The plain value of ``node``, which is at ``key``.
-
-        Raises:
-            InputError: aliases that contain themselves or unfold to too many entries.
-        """
+        """The plain value of ``node``, which is at ``key``."""
         self._nodes += 1
         line = node.start_mark.line + 1
         if self._nodes > _MAX_NODES:
@@ -234,14 +211,12 @@ class _Reader:
         return {name: entry for part in reversed(parts) for name, entry in part.items()}
 
     def _name(self, node: yaml.Node, key: KeyPath) -> str:
-        """A key as it is written: a joint may be called 1, on or no."""
         if isinstance(node, yaml.ScalarNode) and node.value:
             return str(node.value)  # as it is written: a joint may be called 1, on or no
         line = node.start_mark.line + 1
         raise InputError(Issue("a key is a text", key, None, "put texts with [ or { in quotes", self.file, line))
 
     def _scalar(self, node: yaml.ScalarNode, key: KeyPath) -> Plain:
-        """The value of a scalar by its tag; integers beyond 300 digits are infinite, as no float can hold them."""
         text: str = node.value
         kind = node.tag.removeprefix("tag:yaml.org,2002:")
         try:
@@ -271,26 +246,18 @@ class _Dumper(yaml.SafeDumper):
     def represent_mapping(self, tag: str, mapping: Plain, flow_style: bool | None = None) -> yaml.MappingNode:
         """Parameters with their quantities are written one a line: so they are found and compared."""
         node = super().represent_mapping(tag, mapping, flow_style)
-        if len(mapping) > _MAX_PARAMETERS_IN_LINE and all("." in str(name) for name in mapping):
+        if len(mapping) > 2 and all("." in str(name) for name in mapping):
             node.flow_style = False
         return node
 
 
 def dump_yaml(data: Section) -> str:
-    """The YAML text that ``parse_yaml`` reads back as ``data``; small lists and mappings are written in one line.
-
-    >>> print(dump_yaml({"robot": {"kind": "preset", "name": "ur10"}}), end="")
-    robot: {kind: preset, name: ur10}
-    """
+    """The YAML text that ``parse_yaml`` reads back as ``data``; small lists and mappings are written in one line."""
     return yaml.dump(data, Dumper=_Dumper, sort_keys=False, allow_unicode=True, default_flow_style=None, width=110)
 
 
 def dump_flow(data: Plain) -> str:
-    """Data as YAML in one line.
-
-    >>> dump_flow({"size": ["10 mm", 2]})
-    '{size: [10 mm, 2]}'
-    """
+    """Data as YAML in one line."""
     text = yaml.dump(data, Dumper=_Dumper, sort_keys=False, allow_unicode=True, default_flow_style=True, width=math.inf)
     return text.removesuffix("\n").removesuffix("\n...")
 
@@ -301,9 +268,76 @@ def dump_scalar(text: str) -> str:
 
 
 def dump_texts(texts: Sequence[str]) -> str:
-    """Texts as a YAML list in one line, each in double quotes.
-
-    >>> print(dump_texts(["joint1", "a: b"]))
-    ["joint1", "a: b"]
-    """
+    """Texts as a YAML list in one line, each in double quotes."""
     return yaml.dump(list(texts), default_style='"', default_flow_style=True, width=math.inf).removesuffix("\n")
+
+
+class _Edit(NamedTuple):
+    """Characters ``start`` to ``end`` of a text, and what comes in their place."""
+
+    start: int
+    end: int
+    text: str
+
+
+def edited(text: str, data: Mapping[str, Plain]) -> str | None:
+    """The text of a problem file with the values of ``data``; only what differs is written anew."""
+    try:
+        before, node = parse_yaml(text).data, compose(text)
+        edits = sorted(_edits(text, node, before, data), reverse=True)
+        for edit in edits:
+            text = text[: edit.start] + edit.text + text[edit.end :]
+        return text if parse_yaml(text).data == data else None
+    except InputError:
+        return None
+
+
+def _edits(text: str, node: yaml.Node | None, before: Plain, after: Plain) -> Iterator[_Edit]:
+    if before == after or node is None:
+        return
+    if isinstance(node, yaml.MappingNode) and isinstance(after, Mapping) and after:
+        yield from _of_mapping(text, node, before, after)
+    elif isinstance(node, yaml.SequenceNode) and isinstance(after, list) and len(after) == len(before):
+        for child, old, new in zip(node.value, before, after, strict=True):
+            yield from _edits(text, child, old, new)
+    else:
+        yield _Edit(node.start_mark.index, _end(text, node), dump_flow(after))
+
+
+def _of_mapping(text: str, node: yaml.MappingNode, before: Section, after: Mapping[str, Plain]) -> Iterator[_Edit]:
+    children = {str(name.value): (name, child) for name, child in node.value}
+    for key, (name, child) in children.items():
+        if key in after:
+            yield from _edits(text, child, before.get(key), after[key])
+        elif node.flow_style:  # a comma before or after it would have to go too
+            yield _Edit(node.start_mark.index, _end(text, node), dump_flow(dict(after)))
+            return
+        else:
+            yield _Edit(_line_start(text, name.start_mark.index), _line_end(text, _end(text, child)), "")
+    new = {key: value for key, value in after.items() if key not in children}
+    if not new:
+        return
+    if node.flow_style:
+        end = _end(text, node) - 1
+        yield _Edit(end, end, "".join(f", {dump_flow({key: value})[1:-1]}" for key, value in new.items()))
+    else:
+        end = _line_end(text, _end(text, node))
+        indent = " " * node.start_mark.column
+        lines = "".join(f"{indent}{dump_flow({key: value})[1:-1]}\n" for key, value in new.items())
+        yield _Edit(end, end, lines if text[:end].endswith("\n") else f"\n{lines}")
+
+
+def _end(text: str, node: yaml.Node) -> int:
+    if isinstance(node, yaml.CollectionNode) and not node.flow_style:
+        last = node.value[-1]
+        return _end(text, last[1] if isinstance(last, tuple) else last)
+    return int(node.end_mark.index)
+
+
+def _line_start(text: str, at: int) -> int:
+    return text.rfind("\n", 0, at) + 1
+
+
+def _line_end(text: str, at: int) -> int:
+    found = text.find("\n", at)
+    return len(text) if found < 0 else found + 1

@@ -7,17 +7,18 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from posture_opt.files import preset_names
 from posture_opt.robot.dh import DhRobot
+from posture_opt.robot.flange import FlangeRobot
 from posture_opt.robot.format import FrameSpec, JointSpec, RobotFormat
 from posture_opt.robot.mdh import MdhRobot
-from posture_opt.robot.preset import PresetRobot, load_preset, preset_names, preset_text
-from posture_opt.robot.robot import Factor, Joint, Repeatability, Robot, frame_factors
-from posture_opt.robot.shape import Capsule
+from posture_opt.robot.preset import PresetRobot, load_preset, preset_text
+from posture_opt.robot.robot import Capsule, Factor, Joint, Repeatability, Robot, frame_factors
 from posture_opt.robot.urdf import UrdfRobot
 from posture_opt.spec import one_of
 
-FORMATS: tuple[type[RobotFormat], ...] = (DhRobot, MdhRobot, UrdfRobot, PresetRobot)
-"""Every format of the ``robot:`` section; the key ``kind`` selects one."""
+# Every format of the robot: section; the key kind selects one
+FORMATS: tuple[type[RobotFormat], ...] = (DhRobot, MdhRobot, UrdfRobot, PresetRobot, FlangeRobot)
 
 if TYPE_CHECKING:
     RobotSpec = RobotFormat
@@ -29,6 +30,7 @@ __all__ = [
     "Capsule",
     "DhRobot",
     "Factor",
+    "FlangeRobot",
     "FrameSpec",
     "Joint",
     "JointSpec",

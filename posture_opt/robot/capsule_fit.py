@@ -12,31 +12,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from posture_opt.numerics import Array
-from posture_opt.robot.shape import Capsule
+from posture_opt.robot.robot import Capsule
 
-MAX_CAPSULES = 3
-"""Capsules for one body: a link is a beam between two housings."""
+# A further capsule must save this factor of volume: each one more is checked against all others in every posture
 VOLUME_FACTOR = 1.15
-"""A further capsule must save this factor of volume: each one more is checked against all others in every posture."""
-_SLICE_COUNT = 9
-"""Slices of a body along its longest axis: 9 leave 36 ways to cut it into at most three runs."""
-_DIRECTION_COUNT = 80
-"""Directions whose outermost points stand for a body while its capsule is searched for."""
+_DIRECTION_COUNT = 80  # Directions whose outermost points stand for a body while its capsule is searched for
+# Values of x[6] to start from: the radius is the least one times 1 + x[6]², see `_enclosing_capsule`
 _START_EXCESSES = (0.0, 0.25)
-"""Values of ``x[6]`` to start from: the radius is the least one times ``1 + x[6]²``, see `_enclosing_capsule`."""
-_RADIUS_MARGIN_M = 1e-9
-"""Added to each radius: more than rounding can take away of it."""
 
 
 @dataclass(frozen=True)
 class Edges:
-    """Edges of a surface; of a convex body those between its corners are enough.
+    """Edges of a surface; of a convex body those between its corners are enough."""
 
-    Args:
-        tails, heads: (m, 3), (m, 3) both ends of each edge [m], in the frame of the body.
-    """
-
-    tails: Array
+    tails: Array  # tails, heads: (m, 3), (m, 3) both ends of each edge [m], in the frame of the body
     heads: Array
 
     @classmethod
@@ -49,14 +38,8 @@ class Edges:
 
     def slices(self, axis: Array, count: int) -> list[Array]:
         """Points (k, 3) [m] of each slice across an axis: corners in it, and where edges cross the planes on both
-        sides.
-
-        The hull of the points of neighbouring slices holds all of the surface there.
-
-        Args:
-            axis: (3,) unit vector, frame of the body.
-            count: how many slices of equal thickness.
-        """
+        sides. The hull of the points of neighbouring slices holds all of the surface there. axis: (3,) unit vector,
+        frame of the body."""
         a, b = self.tails @ axis, self.heads @ axis
         planes = np.linspace(min(a.min(), b.min()), max(a.max(), b.max()), count + 1)
         points, heights = [self.tails, self.heads], [a, b]
@@ -69,26 +52,18 @@ class Edges:
         return [every[(height >= low) & (height <= high)] for low, high in itertools.pairwise(planes)]
 
 
-def fitted_capsules(body: Edges, joint: str, most: int = MAX_CAPSULES) -> tuple[Capsule, ...]:
-    """Up to ``most`` capsules that together contain the surface of a body given in the frame behind ``joint``.
-
-    All ways to cut the slices into runs are compared by capsules along main axes; the runs of the best one then get
-    their smallest capsules, if these are together smaller than the one of the whole.
-
-    Args:
-        body: its edges [m], in the frame behind the joint.
-        joint: ``Capsule.joint`` of what is found.
-        most: largest number of capsules.
-
-    Returns:
-        Capsules that contain the body to rounding; never more than ``most``.
-    """
+# Capsules for one body: a link is a beam between two housings.
+def fitted_capsules(body: Edges, joint: str, most: int = 3) -> tuple[Capsule, ...]:
+    """Up to ``most`` capsules that together contain the surface of a body, frame behind ``joint``, to rounding. All
+    ways to cut its slices into runs are compared by capsules along main axes; the runs of the best one then get their
+    smallest capsules, if these are together smaller than the one of the whole."""
     ends = np.vstack([body.tails, body.heads])
     one = [smallest_capsule(ends, joint)]
     if most == 1:
         return tuple(one)
     longest = max(_main_axes(ends), key=lambda axis: float(np.ptp(ends @ axis)))
-    runs = _cheapest_runs(body.slices(longest, _SLICE_COUNT), most)
+    # Slices of a body along its longest axis: 9 leave 36 ways to cut it into at most three runs.
+    runs = _cheapest_runs(body.slices(longest, 9), most)
     return tuple(min(one, [smallest_capsule(points, joint) for points in runs], key=_total_cost))
 
 
@@ -99,10 +74,7 @@ def _total_cost(capsules: Iterable[Capsule]) -> float:
 
 
 def _cheapest_runs(slices: list[Array], most: int) -> list[Array]:
-    """The points (k, 3) of each run of slices, cut where their capsules cost least together.
-
-    Volumes of the runs are estimated along main axes: every run of up to all slices once, then all ways to cut.
-    """
+    """The points (k, 3) of each run of slices, cut where their capsules cost least together."""
     count = len(slices)
     seen = [_outermost_points(points) for points in slices]
     volume = {(i, j): _least_volume(np.vstack(seen[i:j])) for i, j in itertools.combinations(range(count + 1), 2)}
@@ -121,12 +93,9 @@ def _least_volume(points: Array) -> float:
 
 
 def smallest_capsule(points: Array, joint: str) -> Capsule:
-    """The capsule of least volume about points (k, 3) [m] in the frame behind ``joint``.
-
-    Its axis is searched for by the simplex method, from the main axes of the points, about those that are outermost in
-    many directions; for an axis the radius and the ends follow from all points. So it contains the points, and thus
-    their hull, to rounding.
-    """
+    """The capsule of least volume about points (k, 3) [m], frame behind ``joint``. Its axis is sought by the simplex
+    method from the main axes about the outermost points; radius and ends follow from all points, so it contains them
+    and their hull to rounding."""
     from scipy.optimize import minimize
 
     middle, size = points.mean(axis=0), float(np.ptp(points, axis=0).max()) or 1.0
@@ -137,13 +106,13 @@ def smallest_capsule(points: Array, joint: str) -> Capsule:
     found = [minimize(_capsule_volume, start, (outer,), "Nelder-Mead", options=options) for start in starts]
     a, b, radius = _enclosing_capsule(min(found, key=lambda result: float(result.fun)).x, scaled)
     (ax, ay, az), (bx, by, bz) = ((middle + size * end).tolist() for end in (a, b))
-    return Capsule(joint, (ax, ay, az), (bx, by, bz), size * radius + _RADIUS_MARGIN_M)
+    # Added to each radius: more than rounding can take away of it.
+    return Capsule(joint, (ax, ay, az), (bx, by, bz), size * radius + 1e-9)
 
 
 def _outermost_points(points: Array) -> Array:
     """(k, 3) the points that are outermost in one of many directions, spread evenly over the sphere (Fibonacci
-    lattice).
-    """
+    lattice)."""
     if not len(points):
         return points
     n = np.arange(_DIRECTION_COUNT) + 0.5
@@ -178,10 +147,8 @@ def _capsule_volume(x: Array, points: Array) -> float:
 
 def _enclosing_capsule(x: Array, points: Array) -> tuple[Array, Array, float]:
     """Both ends (3,), (3,) and the radius of the shortest capsule about points (k, 3), all in the unit of the points.
-
     Its axis is along ``x[:3]``, of any length, through ``x[3:6]``; the radius is the least that the axis allows, times
-    ``1 + x[6]²``: a thicker capsule may be shorter.
-    """
+    ``1 + x[6]²``: a thicker capsule may be shorter."""
     axis = x[:3] / np.linalg.norm(x[:3])
     apart = points - x[3:6]
     t = apart @ axis

@@ -1,4 +1,4 @@
-"""``corrections``: what a calibration found, added to the nominal values of named parameters."""
+"""Corrections and speeds that a section states, and the parameters that data can tell apart."""
 
 from __future__ import annotations
 
@@ -7,25 +7,14 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Literal
 
-from posture_opt.errors import BadValueError, InputError, Issue, listed, nearest
-from posture_opt.robot.robot import Factor, Robot
+from posture_opt.errors import BadValueError, InputError, Issue, did_you_mean, listed, nearest
+from posture_opt.robot.robot import Factor, Joint, Robot
 from posture_opt.units import parse_quantity
 
 
 def corrected(robot: Robot, corrections: Mapping[str, object]) -> Robot:
-    """The arm whose named parameters lie off their nominal values by quantities such as ``"0.12 deg"``.
-
-    ``value = nominal + correction`` for every named factor. The limits stay those of the joint variables as they are
-    commanded: an offset of a joint moves the arm, not what its controller allows.
-
-    Args:
-        robot: the nominal arm.
-        corrections: parameter name -> text with a unit, as in ``robot.corrections`` of the problem file.
-
-    Raises:
-        InputError: parameters that the robot lacks, values without a unit or of the wrong one; keys relative to the
-            robot's section.
-    """
+    """The arm off its nominal values by texts such as ``"0.12 deg"``: ``value = nominal + correction``. Limits stay
+    those of commanded joints: an offset moves the arm, not what its controller allows."""
     if not corrections:
         return robot
     known = robot.parameters
@@ -39,14 +28,8 @@ def corrected(robot: Robot, corrections: Mapping[str, object]) -> Robot:
 
 
 def deviated(robot: Robot, values: Mapping[str, float], former: Mapping[str, float] | None = None) -> Robot:
-    """The arm whose named parameters lie off their values in ``robot`` by ``values`` [rad or m].
-
-    Args:
-        robot: the arm to start from, with its corrections, if any, in the nominal values already.
-        values: parameter name -> what is added to its value [rad or m].
-        former: corrections that ``robot`` has already: only the sum of both leans and shifts its axes, so that a
-            correction taken back leaves no ``skew`` or ``lift``.
-    """
+    """The arm off its values in ``robot`` by ``values`` [rad or m]; with ``former`` corrections, only the sum of both
+    leans and shifts its axes, so that a correction taken back leaves no ``skew`` or ``lift``."""
 
     def moved(factors: tuple[Factor, ...]) -> tuple[Factor, ...]:
         return tuple(replace(f, nominal=f.nominal + values.get(f.parameter, 0.0)) for f in factors)
@@ -60,16 +43,13 @@ def deviated(robot: Robot, values: Mapping[str, float], former: Mapping[str, flo
 
 
 def _axis_displacement(robot: Robot, values: Mapping[str, float], kind: Literal["rotate", "translate"]) -> float:
-    """How far [rad or m] the axes can lie from the nominal ones: the sum of all corrections but the joints' own.
-
-    The base moves the arm as a whole, and the tool is where it is: neither leans an axis against another.
-    """
+    """How far [rad or m] the axes can lie from the nominal ones: the sum of all corrections but the joints' own."""
     inside = (factor for link in robot.links for factor in link)
     return math.fsum(abs(values.get(f.parameter, 0.0)) for f in inside if f.kind == kind and f.joint is None)
 
 
 def _read_correction(name: str, given: object, factor: Factor, issues: list[Issue]) -> float:
-    """The value of one correction [rad or m]; 0 with an issue where it is none."""
+    """[rad or m]; 0 with an issue."""
     try:
         return parse_quantity(given, "angle" if factor.kind == "rotate" else "length")
     except BadValueError as error:
@@ -78,9 +58,7 @@ def _read_correction(name: str, given: object, factor: Factor, issues: list[Issu
 
 
 def name_issues(name: str, known: Iterable[str]) -> list[Issue]:
-    """The issue about a parameter that the robot does not have, with the nearest of the same joint; empty for a known
-    name.
-    """
+    """The issue about an unknown parameter, with the nearest of the same joint."""
     every = list(known)
     if name in every:
         return []
@@ -107,3 +85,56 @@ def corrections_of(nominal: Robot, robot: Robot) -> dict[str, float]:
     """Deviation of every parameter of a robot from its nominal value [rad or m]."""
     stated = nominal.parameters
     return {name: factor.nominal - stated[name].nominal for name, factor in robot.parameters.items()}
+
+
+def with_velocities(robot: Robot, given: Mapping[str, object]) -> Robot:
+    """The robot with largest speeds of some joints: joint name -> ``"120 deg/s"`` or, of a slide, ``"0.5 m/s"``."""
+    if not given:
+        return robot
+    names = robot.joint_names
+    issues = [
+        Issue("the robot has no such joint", ("velocity", name), name, did_you_mean(name, names))
+        for name in given
+        if name not in names
+    ]
+    joints = tuple(
+        _driven(joint, given[joint.name], issues) if joint.name in given else joint for joint in robot.joints
+    )
+    if issues:
+        raise InputError(issues)
+    return replace(robot, joints=joints)
+
+
+def _driven(joint: Joint, given: object, issues: list[Issue]) -> Joint:
+    try:
+        speed = parse_quantity(given, "angular velocity" if joint.type == "revolute" else "velocity")
+        if not speed > 0:
+            raise BadValueError("the largest speed of a joint is above zero", "leave it out where it is unknown")
+    except BadValueError as error:
+        issues.append(error.issue(("velocity", joint.name), given))
+        return joint
+    return replace(joint, velocity=speed)
+
+
+def is_fitted(robot: Robot, name: str) -> bool:
+    """Whether no other parameter acts like ``JOINT.LAST``: ``beta`` is one only between nearly parallel axes (Hayati,
+    Mirmirani 1985), and a joint with an origin of six has no offset of its own."""
+    joint, _, last = name.rpartition(".")
+    parameters = robot.parameters
+    index = robot.joint_names.index(joint) if joint in robot.joint_names else -1
+    if last == "beta":
+        alpha = parameters[f"{joint}.alpha"].nominal
+        # Below, `d` and `a` can no longer follow a tilt of the next axis (Hayati 1983).
+        return index < robot.n - 1 and abs(math.sin(alpha)) < math.sin(math.radians(10.0))
+    # The joint value of a URDF joint moves the tool as its origin does.
+    return not (last in ("theta", "d") and f"{joint}.roll" in parameters)
+
+
+def geometry_behind_first_joint(robot: Robot) -> tuple[str, ...]:
+    """Fitted parameters behind the value of the first joint: the base moves the arm like those before it."""
+    found = []
+    for factor in robot.factors[robot.driven[0] + 1 :]:
+        name = factor.parameter
+        if name and name.rpartition(".")[0] != "tool" and is_fitted(robot, name):
+            found.append(name)
+    return tuple(found)

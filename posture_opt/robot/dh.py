@@ -19,12 +19,8 @@ class DhRobot(TableRobot):
 
     @staticmethod
     def row(joint: JointSpec, index: int) -> tuple[Factor, ...]:
-        """The five factors of one row of the table, in the order of their product.
-
-        Args:
-            joint: ``a``, ``d`` [m], ``alpha``, ``theta`` [rad] of the row.
-            index: of the joint variable q that the row carries.
-        """
+        """The five factors of one row of the table, in the order of their product. joint: ``a``, ``d`` [m], ``alpha``,
+        ``theta`` [rad] of the row."""
         return (
             joint.driven(index, "theta"),
             joint.driven(index, "d"),

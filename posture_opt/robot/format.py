@@ -13,17 +13,14 @@ from pydantic import Field, ValidationInfo, WithJsonSchema, field_validator
 from posture_opt.errors import BadValueError, InputError, Issue, as_given
 from posture_opt.limits import MOST_JOINTS
 from posture_opt.numerics import TURN
-from posture_opt.robot.corrections import corrected
-from posture_opt.robot.joint_velocities import with_velocities
+from posture_opt.robot.corrections import corrected, with_velocities
 from posture_opt.robot.robot import Factor, Joint, Robot, frame_factors
 from posture_opt.robot.shape_section import ShapeSpec, shaped
 from posture_opt.spec import Spec, WordOrSection
 from posture_opt.units import Angle, JointVelocity, Length, Mass, Quantity, parse_quantity
 
-FULL_TURN = (-TURN, TURN)
-"""Limits of a revolute joint for which none are stated [rad]."""
-_RESERVED = {"base", "tool"}
-"""Names that no joint may have: these frames own the parameters ``base.x`` … ``tool.yaw``."""
+FULL_TURN = (-TURN, TURN)  # Limits of a revolute joint for which none are stated [rad]
+_RESERVED = {"base", "tool"}  # Names that no joint may have: these frames own the parameters base.x … tool.yaw
 _LIMITS_SCHEMA = WithJsonSchema(
     {
         "type": "array",
@@ -38,11 +35,7 @@ _LIMITS_SCHEMA = WithJsonSchema(
 
 def check_joint_name(name: str) -> None:
     """Refuse a name that cannot build ``JOINT.theta``, of which the last dot ends the name, or the header ``JOINT
-    [deg]``.
-
-    Raises:
-        BadValueError: empty, blanks around it, a character that separates names, or the name of a frame.
-    """
+    [deg]``."""
     if not name or name != name.strip():
         raise BadValueError(f"a joint name must not be empty or begin or end with a blank: '{name}'")
     bad = sorted(set(name) & set("[],:\n\t"))
@@ -97,8 +90,8 @@ class JointSpec(Spec):
     alpha: Angle = Field(0.0, description="twist about x")
     d: Length = Field(0.0, description="length along z; of a prismatic joint added to its value")
     theta: Angle = Field(0.0, description="angle about z; of a revolute joint added to its value")
+    # (2,) lower and upper limit of the joint variable [rad or m]
     limits: Annotated[tuple[float, float], _LIMITS_SCHEMA] = Field(FULL_TURN, validate_default=True)
-    """(2,) lower and upper limit of the joint variable [rad or m]."""
     mass: Mass = Field(math.nan, description="of the link behind the joint; unknown where it is left out")
     com: tuple[Length, Length, Length] = Field(
         (math.nan, math.nan, math.nan), description="centre of mass of that link, in the frame behind the joint"
@@ -114,11 +107,6 @@ class JointSpec(Spec):
     @field_validator("limits", mode="before")
     @classmethod
     def _read_limits(cls, value: object, info: ValidationInfo) -> object:
-        """The limits in SI units, read as angles or lengths by the type of the joint.
-
-        Raises:
-            BadValueError: no pair, the wrong unit, crossed limits, or a prismatic joint without limits.
-        """
         kind = info.data.get("type")
         if value is FULL_TURN and kind == "prismatic":
             raise BadValueError("a prismatic joint needs its limits", "write for example limits: [0 mm, 210 mm]")
@@ -151,12 +139,7 @@ class JointSpec(Spec):
         return Joint(self.name, self.type, lower, upper, self.mass, self.com, self.gear_ratio)
 
     def driven(self, index: int, symbol: Literal["theta", "d"]) -> Factor:
-        """The factor about or along z that carries ``theta`` or ``d``, and the joint variable where it is that one.
-
-        Args:
-            index: of the joint variable q.
-            symbol: which of the two parameters of the row.
-        """
+        """The factor about or along z with ``theta`` or ``d``, and with the joint variable q[index] if it moves."""
         moves = (symbol == "theta") == (self.type == "revolute")
         kind: Literal["rotate", "translate"] = "rotate" if symbol == "theta" else "translate"
         return Factor(kind, 2, getattr(self, symbol), f"{self.name}.{symbol}", index if moves else None)
@@ -183,39 +166,19 @@ class RobotFormat(Spec):
         return payload
 
     def build(self, folder: Path) -> Robot:
-        """The chain in numbers, its parameters corrected.
-
-        Args:
-            folder: where relative file names of the section start.
-
-        Raises:
-            InputError: a file that is named cannot be used, or corrections of parameters that the robot lacks.
-        """
+        """The chain in numbers, its parameters corrected."""
         return corrected(self.nominal(folder), self.corrections)
 
     @abstractmethod
     def nominal(self, folder: Path) -> Robot:
-        """The chain in numbers as the format gives it, without the corrections.
-
-        Args:
-            folder: where relative file names of the section start.
-        """
+        """The chain in numbers as the format gives it, without the corrections."""
 
     def assemble(self, name: str, joints: tuple[Joint, ...], links: tuple[tuple[Factor, ...], ...]) -> Robot:
-        """A ``Robot`` of these links between the base and the tool of this section, with the shape and the joint
-        velocities that it states.
-
-        Args:
-            name: of the arm, for reports.
-            joints: (n,) with limits and masses; ``links``: (n,) the factors of each.
-
-        Raises:
-            InputError: a shape with capsules, or velocities, of joints that are not among these.
-        """
+        """A ``Robot`` of joints and links (n,) between base and tool of this section, with its shape and velocities."""
         return with_velocities(shaped(self.bare(name, joints, links), self.shape), self.velocity)
 
     def bare(self, name: str, joints: tuple[Joint, ...], links: tuple[tuple[Factor, ...], ...]) -> Robot:
-        """The same without a shape."""
+        """`assemble` without shape and velocities."""
         return Robot(
             name=name,
             joints=joints,
@@ -231,11 +194,7 @@ class RobotFormat(Spec):
 
 
 def check_payload(robot: Robot) -> None:
-    """Refuses a payload that no arm of this mass carries.
-
-    Raises:
-        InputError: its key within the section.
-    """
+    """Refuses a payload that no arm of this mass carries."""
     if robot.payload > robot.most_payload:
         message, hint = f"no arm like this one carries {robot.payload:g} kg", "is it in grams?"
         raise InputError(Issue(message, ("payload",), hint=hint))
@@ -249,11 +208,6 @@ class TableRobot(RobotFormat):
     @field_validator("joints")
     @classmethod
     def _usable_table(cls, joints: tuple[JointSpec, ...]) -> tuple[JointSpec, ...]:
-        """The rows as they are, if they can make an arm.
-
-        Raises:
-            BadValueError: no row, more than ``MOST_JOINTS``, or two joints of one name.
-        """
         names = [joint.name for joint in joints]
         if not names:
             raise BadValueError("a robot needs at least one joint")

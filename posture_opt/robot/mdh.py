@@ -19,12 +19,8 @@ class MdhRobot(TableRobot):
 
     @staticmethod
     def row(joint: JointSpec, index: int) -> tuple[Factor, ...]:
-        """The four factors of one row of the table, in the order of their product.
-
-        Args:
-            joint: ``a``, ``d`` [m], ``alpha``, ``theta`` [rad] of the row.
-            index: of the joint variable q that the row carries.
-        """
+        """The four factors of one row of the table, in the order of their product. joint: ``a``, ``d`` [m], ``alpha``,
+        ``theta`` [rad] of the row."""
         return (
             Factor("rotate", 0, joint.alpha, f"{joint.name}.alpha"),
             Factor("translate", 0, joint.a, f"{joint.name}.a"),

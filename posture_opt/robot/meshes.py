@@ -1,8 +1,7 @@
-"""Meshes that a URDF names: where they are, and their edges; read through trimesh, which is optional."""
+"""Meshes of a URDF: their files and edges, read through trimesh, which is optional."""
 
 from __future__ import annotations
 
-from functools import lru_cache
 from io import BytesIO
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -14,29 +13,19 @@ from posture_opt.files import content, is_file
 from posture_opt.numerics import Array
 from posture_opt.robot.capsule_fit import Edges
 
-MAX_FACES = 100_000
-"""Faces of a mesh whose own surface is used; of a finer one the convex hull, which contains it."""
-_MAX_BYTES = 50_000_000
-"""Largest mesh file that is read."""
-_MAX_COORDINATE = 1e9
-"""Largest coordinate of a mesh that is used, in m or in the unit of its file: a thousand kilometres in mm."""
+MAX_FACES = 100_000  # Faces of a mesh whose own surface is used; of a finer one the convex hull, which contains it
+# What robots are described with; archives, of which a small one may unfold to anything, are not
 _MESH_SUFFIXES = {".stl", ".obj", ".ply", ".off", ".dae"}
-"""What robots are described with; archives, of which a small one may unfold to anything, are not."""
 
 
 class UnreadMeshError(Exception):
-    """A mesh that could not be read, with the reason in words: the shape of its link stays unknown."""
+    """A mesh that could not be read, and why: the shape of its link stays unknown."""
 
 
 def located_mesh(name: str, urdf: Path) -> Path:
-    """The file of a mesh name in a URDF: ``package://PACKAGE/…``, ``file://…``, absolute, or relative to the URDF.
-
-    A ROS package lies in a folder of its name, or in one with a ``package.xml``, somewhere above the URDF or next to
-    one of the folders above.
-
-    Raises:
-        UnreadMeshError: no such file.
-    """
+    """The file of a mesh name in a URDF: ``package://PACKAGE/…``, ``file://…``, absolute, or relative to the URDF. A
+    ROS package lies in a folder of its name, or in one with a ``package.xml``, somewhere above the URDF or next to one
+    of the folders above."""
     for path in _candidate_paths(name, urdf.absolute().parent):
         if is_file(path):
             return path
@@ -44,7 +33,6 @@ def located_mesh(name: str, urdf: Path) -> Path:
 
 
 def _candidate_paths(name: str, folder: Path) -> list[Path]:
-    """Where the file of a mesh name may be, the most likely place first."""
     if name.startswith(("package://", "model://")):
         package, _, rest = name.partition("://")[2].partition("/")
         above = [folder, *folder.parents]
@@ -54,35 +42,8 @@ def _candidate_paths(name: str, folder: Path) -> list[Path]:
 
 
 def read_mesh(path: Path, scale: tuple[float, ...]) -> Edges:
-    """The edges of a mesh, its lengths times ``scale`` (3,), in the frame of the ``<collision>`` element [m].
-
-    Read once for each version of the file (time and size of its last change).
-
-    Raises:
-        UnreadMeshError: trimesh is not installed, or cannot read the file.
-    """
-    status = path.stat()
-    return _read_edges(path, scale, status.st_mtime_ns, status.st_size)
-
-
-def read_triangles(path: Path) -> Array:
-    """(f, 3, 3) the corners of the faces of a mesh, in the unit of the file; of a very fine one those of its hull.
-
-    Raises:
-        UnreadMeshError: as of `read_mesh`.
-    """
-    mesh = _load_mesh(path)
-    if len(mesh.faces) > MAX_FACES:
-        mesh = mesh.convex_hull
-    triangles = np.asarray(mesh.triangles, dtype=float)
-    if not len(triangles) or not _usable(triangles) or not np.ptp(triangles.reshape(-1, 3), axis=0).max():
-        raise UnreadMeshError(f"mesh {path.name} is empty or broken")
-    return triangles
-
-
-@lru_cache(maxsize=64)
-def _read_edges(path: Path, scale: tuple[float, ...], _changed: int, _size: int) -> Edges:
-    """The edges [m]; ``_changed`` and ``_size`` are in the key of the cache alone."""
+    """The edges of a mesh, its lengths times ``scale`` (3,), in the frame of the ``<collision>`` element [m]. Read once
+    for each version of the file (time and size of its last change)."""
     mesh = _load_mesh(path)
     vertices = np.asarray(mesh.vertices, dtype=float) * np.array(scale)
     edges = np.asarray(mesh.edges_unique)
@@ -93,21 +54,28 @@ def _read_edges(path: Path, scale: tuple[float, ...], _changed: int, _size: int)
     return Edges(vertices[edges[:, 0]], vertices[edges[:, 1]])
 
 
+def read_triangles(path: Path) -> Array:
+    """(f, 3, 3) corners of the faces of a mesh in the unit of its file; of a very fine one those of its hull."""
+    mesh = _load_mesh(path)
+    if len(mesh.faces) > MAX_FACES:
+        mesh = mesh.convex_hull
+    triangles = np.asarray(mesh.triangles, dtype=float)
+    if not len(triangles) or not _usable(triangles) or not np.ptp(triangles.reshape(-1, 3), axis=0).max():
+        raise UnreadMeshError(f"mesh {path.name} is empty or broken")
+    return triangles
+
+
 def _usable(coordinates: Array) -> bool:
-    """Whether coordinates are numbers that a part of a robot may have."""
-    return bool(np.all(np.abs(coordinates) < _MAX_COORDINATE))  # NaN is below nothing
+    # Largest coordinate of a mesh that is used, in m or in the unit of its file: a thousand kilometres in mm.
+    return bool(np.all(np.abs(coordinates) < 1e9))  # NaN is below nothing
 
 
 def _load_mesh(path: Path) -> Any:
-    """The mesh as trimesh has it, vertices (v, 3) and faces (f, 3).
-
-    Raises:
-        UnreadMeshError: a format that is not in ``_MESH_SUFFIXES``, a file that cannot be read, or no trimesh.
-    """
+    """The mesh as trimesh has it, vertices (v, 3) and faces (f, 3)."""
     if path.suffix.lower() not in _MESH_SUFFIXES:
         raise UnreadMeshError(f"mesh {path.name} is none of {listed(sorted(_MESH_SUFFIXES))}")
     try:
-        data = content(path, _MAX_BYTES)
+        data = content(path, 50_000_000)  # largest mesh file that is read
         import trimesh
     except InputError as error:
         raise UnreadMeshError(f"mesh {path.name}: {error}") from None

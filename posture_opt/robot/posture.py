@@ -3,32 +3,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from posture_opt.errors import BadValueError, InputError, Issue, did_you_mean
-from posture_opt.numerics import Array
+from posture_opt.numerics import TURN, Array
 from posture_opt.robot.robot import Joint, Robot
 from posture_opt.units import fixed, parse_quantity
 
+# n joint values in the order of the robot, or joint name -> value: numbers in rad or m, or texts with a unit. One text
+# has all of them: "90 deg, -180 deg".
 PostureLike = Mapping[str, float | str] | Sequence[float | str] | str | Any
-"""n joint values in the order of the robot, or joint name -> value: numbers in rad or m, or texts with a unit.
-
-One text has all of them: ``"90 deg, -180 deg"``.
-"""
-_AT_LIMIT = 1e-4
-"""Distance from a limit [rad or m] up to which a joint is at it."""
+_AT_LIMIT = 1e-4  # Distance from a limit [rad or m] up to which a joint is at it
 
 
 class Posture(dict[str, float]):
     """Joint name -> value [rad or m]; printed, it shows degrees and millimetres, and `degrees` has these numbers.
-
-    Args:
-        robot: names and types of the joints.
-        q: (n,) joint values [rad or m], from the base to the tool.
-    """
+    robot: names and types of the joints; q: (n,) joint values [rad or m], from the base to the tool."""
 
     def __init__(self, robot: Robot, q: Sequence[float] | Any) -> None:
         super().__init__(zip(robot.joint_names, map(float, q), strict=True))
@@ -46,21 +39,7 @@ class Posture(dict[str, float]):
 
 
 def read_posture(robot: Robot, posture: PostureLike) -> tuple[float, ...]:
-    """The (n,) joint values [rad or m] of a posture given by order or by name.
-
-    Args:
-        robot: the joints, with their order and types.
-        posture: a mapping, a sequence or a text, see `PostureLike`.
-
-    Raises:
-        InputError: another number of values, unknown or missing joint names, values that are no finite numbers, or
-            texts that are no quantities; all of them at once.
-
-    Example:
-        >>> from posture_opt import load_problem
-        >>> read_posture(load_problem("insert_planar_2r").robot, "0.5 rad, -1 rad")
-        (0.5, -1.0)
-    """
+    """The (n,) joint values [rad or m] of a posture given by order or by name."""
     values = _values_by_name(robot, posture) if isinstance(posture, Mapping) else _values_by_order(robot, posture)
     issues: list[Issue] = []
     read = [_read_value(joint, value, issues) for joint, value in zip(robot.joints, values, strict=True)]
@@ -71,21 +50,14 @@ def read_posture(robot: Robot, posture: PostureLike) -> tuple[float, ...]:
 
 def beyond_limits(robot: Robot, posture: Sequence[float]) -> tuple[tuple[Joint, float], ...]:
     """The joints outside their limits, with the excess [rad or m]: positive above the upper, negative below the lower.
-
-    Args:
-        robot: the limits.
-        posture: (n,) joint values [rad or m].
-    """
+    posture: (n,) joint values [rad or m]."""
     excess = [value - min(max(value, j.lower), j.upper) for j, value in zip(robot.joints, posture, strict=True)]
     # What is written in degrees comes back with the rounding of the conversion.
     return tuple((joint, off) for joint, off in zip(robot.joints, excess, strict=True) if abs(off) > 1e-9)
 
 
 def joints_at_limits(robot: Robot, Q: Array) -> list[str]:
-    """The joints that stand at a limit in some of the postures Q (N, n) [rad or m]: controllers seldom go so far.
-
-    Joints that are held, of equal limits, are none of them.
-    """
+    """Joints at a limit in some postures Q (N, n) [rad or m], held ones left out: controllers seldom go so far."""
     Q = np.atleast_2d(Q)
     lower, upper = np.array(robot.lower), np.array(robot.upper)
     near = np.any((Q - lower < _AT_LIMIT) | (upper - Q < _AT_LIMIT), axis=0) & (upper - lower > _AT_LIMIT)
@@ -93,11 +65,7 @@ def joints_at_limits(robot: Robot, Q: Array) -> list[str]:
 
 
 def _values_by_name(robot: Robot, posture: Mapping[str, Any]) -> list[Any]:
-    """(n,) values as given, in the order of the robot.
-
-    Raises:
-        InputError: joints that the robot lacks, and joints without a value.
-    """
+    """(n,) values as given, in the order of the robot."""
     names = robot.joint_names
     issues = []
     for name in posture:
@@ -113,11 +81,7 @@ def _values_by_name(robot: Robot, posture: Mapping[str, Any]) -> list[Any]:
 
 
 def _values_by_order(robot: Robot, posture: Any) -> list[Any]:
-    """(n,) values as given by a sequence or by one text with commas.
-
-    Raises:
-        InputError: no sequence, or another number of values than joints.
-    """
+    """(n,) values as given by a sequence or by one text with commas."""
     wanted = f"give {robot.n} values: {', '.join(robot.joint_names)} (rad, prismatic joints in m, or with units)"
     if isinstance(posture, str):
         posture = [part.strip() for part in posture.split(",")]
@@ -130,7 +94,7 @@ def _values_by_order(robot: Robot, posture: Any) -> list[Any]:
 
 
 def _read_value(joint: Joint, value: object, issues: list[Issue]) -> float:
-    """The value [rad or m]; zero with an issue where it cannot be read, so that all faults are reported together."""
+    """[rad or m]; zero with an issue."""
     key = ("posture", joint.name)
     if isinstance(value, str):
         try:
@@ -144,3 +108,13 @@ def _read_value(joint: Joint, value: object, issues: list[Issue]) -> float:
     else:
         return float(value)
     return 0.0
+
+
+def drawn_between(robot: Robot, whole: Collection[int] = ()) -> tuple[Array, Array]:
+    """(n,), (n,) bounds [rad or m] of random postures: the limits, or of wider turning joints, those of ``whole`` left
+    out, one turn nearest to zero, as further turns repeat the places: ``low = min(max(−π, lower), upper − 2π)``."""
+    lower, upper = np.array(robot.lower), np.array(robot.upper)
+    wide = np.array([joint.type == "revolute" for joint in robot.joints]) & (upper - lower > TURN)
+    wide[list(whole)] = False
+    low = np.where(wide, np.minimum(np.maximum(-np.pi, lower), upper - TURN), lower)
+    return low, np.where(wide, low + TURN, upper)

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import difflib
+import re
+import unicodedata
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -12,11 +16,10 @@ from pydantic import Field
 from posture_opt.errors import InputError, Issue, as_given, either, listed
 from posture_opt.files import packaged
 from posture_opt.files import preset_names as preset_names
+from posture_opt.robot.corrections import with_velocities
 from posture_opt.robot.dh import DhRobot
 from posture_opt.robot.format import FrameSpec, RobotFormat
-from posture_opt.robot.joint_velocities import with_velocities
 from posture_opt.robot.mdh import MdhRobot
-from posture_opt.robot.preset_likeness import presets_like
 from posture_opt.robot.robot import Factor, Repeatability, Robot
 from posture_opt.robot.shape_section import shaped
 from posture_opt.spec import Spec
@@ -64,20 +67,17 @@ class PresetFile(Spec):
     def build(self) -> Robot:
         """The preset in numbers, with the source of each group of numbers."""
         given, robot = self.repeatability, self.robot.build(Path())
+        # As constants: errors of the first frame are those of the base.
+        first = [Factor(f.kind, f.axis, f.nominal) for f in self.first_frame.factors("base") if f.nominal]
         return replace(
             robot,
             name=self.title,
-            links=((*self._first_factors(), *robot.links[0]), *robot.links[1:]),
+            links=((*first, *robot.links[0]), *robot.links[1:]),
             sources=tuple(self.source.items()),
             notes=self.notes,
             repeatability=Repeatability(given.value, given.source) if given else None,
             mounting_below=self.mounting_below,
         )
-
-    def _first_factors(self) -> tuple[Factor, ...]:
-        """``first_frame`` as constants: errors of it are those of the base."""
-        factors = self.first_frame.factors("base")
-        return tuple(Factor(factor.kind, factor.axis, factor.nominal) for factor in factors if factor.nominal)
 
 
 class PresetRobot(RobotFormat):
@@ -87,11 +87,7 @@ class PresetRobot(RobotFormat):
     name: str = Field(description="of the preset: `optimize-posture list` has them")
 
     def nominal(self, folder: Path) -> Robot:
-        """The preset in numbers; ``folder`` is not needed.
-
-        Raises:
-            InputError: no preset has this name.
-        """
+        """The preset in numbers; ``folder`` is not needed."""
         robot = load_preset(self.name)
         given = self.model_fields_set
         if "base" in given:
@@ -105,11 +101,7 @@ class PresetRobot(RobotFormat):
 
 
 def preset_text(name: str) -> str:
-    """The text of a preset's file.
-
-    Raises:
-        InputError: no preset has this name; the message offers the nearest.
-    """
+    """The text of a preset's file."""
     if name not in preset_names():
         hint = f"{presets_meant(name)} presets: {listed(preset_names())}".lstrip()
         raise InputError(Issue(f"there is no preset {as_given(name)}", ("name",), name, hint))
@@ -127,16 +119,38 @@ def presets_meant(word: str) -> str:
 
 @cache
 def load_preset(name: str) -> Robot:
-    """The preset ``name`` in numbers; its tool point is the flange. Each is read once in a process.
-
-    Raises:
-        InputError: no preset has this name; the message offers the nearest.
-
-    Example:
-        >>> load_preset("ur10e").n
-        6
-    """
+    """The preset ``name`` in numbers; its tool point is the flange. Each is read once in a process."""
     import yaml
 
     loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
     return PresetFile.model_validate(yaml.load(preset_text(name), loader)).build()
+
+
+def presets_like(word: str, titles: Mapping[str, str]) -> tuple[str, ...]:
+    """Presets that a word may mean, the likeliest alone if one is; case, blanks, ``-`` and ``_`` do not count. In this
+    order: the name; a name behind its maker; beginnings of names, or parts of titles; the name written most like it,
+    sought in its family (``kr120``: all ``kr…``), else that family."""
+    asked = _plain(word)
+    names = {_plain(name): name for name in titles}
+    if asked in names:
+        return (names[asked],)
+    behind_maker = [name for plain, name in names.items() if asked.endswith(plain)]
+    if behind_maker:
+        return (max(behind_maker, key=len),)
+    begun = [name for plain, name in names.items() if asked and plain.startswith(asked)]
+    # A shorter word is in the title of nearly every arm.
+    titled = [name for name, title in titles.items() if len(asked) >= 3 and asked in _plain(title)]
+    if begun or titled:
+        return tuple(begun or titled)
+    family = [plain for plain in names if _letters(plain) == _letters(asked) != ""]
+    # Ratio of difflib from which two names are alike, its own default.
+    found = difflib.get_close_matches(asked, family or names, 1, 0.6)
+    return tuple(names[plain] for plain in found or family)
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[^a-z0-9]", "", unicodedata.normalize("NFKD", name).lower())
+
+
+def _letters(plain: str) -> str:
+    return re.split(r"\d", plain, maxsplit=1)[0]

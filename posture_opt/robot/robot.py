@@ -8,62 +8,80 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
 
-from posture_opt.robot.shape import Capsule
+import numpy as np
+
+from posture_opt.numerics import Array
+
+BASE = "base"  # Capsule.joint of a body at rest: its frame is that of the robot's base
+TOOL = "tool"  # Capsule.joint of a body held by the flange: its frame is that of the tool point
+Point = tuple[float, float, float]  # (3,) coordinates [m]; the frame is that of the capsule's joint
+
+
+@dataclass(frozen=True)
+class Capsule:
+    """All points within ``radius`` of the segment from ``start`` to ``end``: a segment swept by a sphere."""
+
+    joint: str  # the joint whose link it belongs to, base for what is at rest, tool for what is held
+    # start, end: (3,) [m], in the frame behind that joint (of the robot's base, of the tool); equal for a sphere
+    start: Point
+    end: Point
+    radius: float  # [m]; zero for a bare line
+
+    @property
+    def length(self) -> float:
+        """Length of the segment [m]; the capsule is longer by both radii."""
+        return math.dist(self.start, self.end)
+
+    @property
+    def volume(self) -> float:
+        """``π r² l + 4/3 π r³`` [m³]."""
+        return math.pi * self.radius**2 * (self.length + 4 / 3 * self.radius)
+
+
+def moved(capsule: Capsule, T: Array) -> Capsule:
+    """The capsule in another frame. capsule: in a frame a; T: (4, 4) T_b_a, lengths in [m]; a rotation and a shift, as
+    radii are kept."""
+    return replace(capsule, start=_moved_point(T, capsule.start), end=_moved_point(T, capsule.end))
+
+
+def _moved_point(T: Array, point: Point) -> Point:
+    """A point (3,) [m] in the other frame, ``T p``."""
+    x, y, z = (T[:3, :3] @ np.array(point) + T[:3, 3]).tolist()
+    return x, y, z
+
 
 Axis = Literal[0, 1, 2]
-_MOST_PAYLOAD_SHARE = 3.0  # of the mass of the arm
-_MOST_PAYLOAD_KG = 3000.0
 
 
 @dataclass(frozen=True)
 class Factor:
-    """One elementary transform of the chain: a translation along, or a rotation about, one coordinate axis.
+    """One elementary transform of the chain: a translation along, or a rotation about, one coordinate axis. ``F =
+    Trans(e_axis, v)`` or ``F = Rot(e_axis, v)`` with ``v = nominal + p[parameter] + q[joint]``. Positive rotations are
+    right-handed about the axis of the frame that the factor starts from."""
 
-    ``F = Trans(e_axis, v)`` or ``F = Rot(e_axis, v)`` with ``v = nominal + p[parameter] + q[joint]``. Positive
-    rotations are right-handed about the axis of the frame that the factor starts from.
-
-    Args:
-        kind: ``translate`` along the axis or ``rotate`` about it.
-        axis: 0, 1, 2 for x, y, z of the frame in front of the factor.
-        nominal: value without error and joint variable [rad] or [m].
-        parameter: name of the model parameter (an error, zero in the nominal model) that adds to it; empty for a
-            constant.
-        joint: index of the joint variable that adds to it; None for a fixed factor.
-    """
-
-    kind: Literal["translate", "rotate"]
-    axis: Axis
-    nominal: float = 0.0
+    kind: Literal["translate", "rotate"]  # translate along the axis or rotate about it
+    axis: Axis  # 0, 1, 2 for x, y, z of the frame in front of the factor
+    nominal: float = 0.0  # value without error and joint variable [rad] or [m]
+    # name of the model parameter (an error, zero in the nominal model) that adds to it; empty for a constant
     parameter: str = ""
-    joint: int | None = None
+    joint: int | None = None  # index of the joint variable that adds to it; None for a fixed factor
 
 
 @dataclass(frozen=True, eq=False)
 class Joint:
-    """One moving joint and the rigid link behind it.
+    """One moving joint and the rigid link behind it. NaN stands for an unknown number; two joints are equal where all
+    known values are and the same values are unknown."""
 
-    NaN stands for an unknown number; two joints are equal where all known values are and the same values are unknown.
-
-    Args:
-        name: unique in the robot; parameters of the joint are named after it, ``JOINT.theta``.
-        type: ``revolute`` (a variable in rad) or ``prismatic`` (in m).
-        lower, upper: limits of the joint variable [rad] or [m].
-        mass: of the link behind the joint [kg]; NaN where unknown.
-        com: (3,) centre of mass of that link [m], frame behind the joint; NaN where unknown.
-        gear_ratio: motor turns per joint turn; NaN where unknown.
-        velocity: largest speed of the joint [rad/s] or [m/s]; NaN where unknown.
-        effort: largest torque or force that its drive bears [N m] or [N]; NaN where unknown.
-    """
-
-    name: str
-    type: Literal["revolute", "prismatic"]
-    lower: float
+    name: str  # unique in the robot; parameters of the joint are named after it, JOINT.theta
+    type: Literal["revolute", "prismatic"]  # revolute (a variable in rad) or prismatic (in m)
+    lower: float  # lower, upper: limits of the joint variable [rad] or [m]
     upper: float
-    mass: float = math.nan
+    mass: float = math.nan  # of the link behind the joint [kg]; NaN where unknown
+    # (3,) centre of mass of that link [m], frame behind the joint; NaN where unknown
     com: tuple[float, float, float] = (math.nan, math.nan, math.nan)
-    gear_ratio: float = math.nan
-    velocity: float = math.nan
-    effort: float = math.nan
+    gear_ratio: float = math.nan  # motor turns per joint turn; NaN where unknown
+    velocity: float = math.nan  # largest speed of the joint [rad/s] or [m/s]; NaN where unknown
+    effort: float = math.nan  # largest torque or force that its drive bears [N m] or [N]; NaN where unknown
 
     @property
     def unit(self) -> Literal["rad", "m"]:
@@ -78,17 +96,14 @@ class Joint:
 
     @property
     def _known_values(self) -> tuple[object, ...]:
-        """All values, None in place of NaN, which from Python 3.13 on makes a dataclass differ from itself."""
         numbers = (self.lower, self.upper, self.mass, self.gear_ratio, self.velocity, self.effort, *self.com)
         return (self.name, self.type, *(None if math.isnan(number) else number for number in numbers))
 
 
 @dataclass(frozen=True)
 class Repeatability:
-    """A data sheet's ISO 9283 position repeatability RP [m], with its source.
-
-    RP is the radius of a sphere, mean distance of the repeats from their mean plus three standard deviations of it.
-    """
+    """A data sheet's ISO 9283 position repeatability RP [m], with its source. RP is the radius of a sphere, mean
+    distance of the repeats from their mean plus three standard deviations of it."""
 
     value: float
     source: str
@@ -96,15 +111,10 @@ class Repeatability:
 
 @dataclass(frozen=True)
 class UrdfDescription:
-    """A URDF as it was read, for what of it the kinematics do not need: meshes, inertias, further links.
+    """A URDF as it was read: meshes, inertias and further links."""
 
-    Args:
-        data: the file.
-        base_link, tip_link: ends of the chain in it.
-    """
-
-    data: bytes = field(repr=False)
-    base_link: str
+    data: bytes = field(repr=False)  # the file
+    base_link: str  # base_link, tip_link: ends of the chain in it
     tip_link: str
 
 
@@ -137,6 +147,7 @@ class Robot:
         allowed_collisions: pairs of joints (or ``base``) whose links are not checked against each other.
         named_postures: name -> joints with their values [rad or m], of an SRDF.
         description: the URDF that the arm was read from; None of other formats.
+        pose_prefix: of columns that hold the last three joints (about z, y', x'') as an orientation; empty of an arm.
 
     Example:
         >>> import posture_opt as po
@@ -168,6 +179,7 @@ class Robot:
     allowed_collisions: frozenset[frozenset[str]] = frozenset()
     named_postures: tuple[tuple[str, tuple[tuple[str, float], ...]], ...] = ()
     description: UrdfDescription | None = None
+    pose_prefix: str = ""
 
     @property
     def most_payload(self) -> float:
@@ -176,7 +188,7 @@ class Robot:
         No industrial arm is rated for its own mass, and none for 3 t (FANUC M-2000iA/2300: 2.3 t at 11 t, unverified).
         """
         mass = sum(joint.mass for joint in self.joints)
-        return _MOST_PAYLOAD_SHARE * mass if mass > 0 else _MOST_PAYLOAD_KG
+        return 3.0 * mass if mass > 0 else 3000.0  # of the mass of the arm
 
     @property
     def n(self) -> int:
@@ -252,17 +264,9 @@ class Robot:
 
 
 def frame_factors(prefix: str, xyz: tuple[float, ...], rpy: tuple[float, ...]) -> tuple[Factor, ...]:
-    """The factors of a fixed frame, ``T = Trans(x, y, z) Rz(yaw) Ry(pitch) Rx(roll)`` (URDF's convention).
-
-    Args:
-        prefix: of the parameter names: ``base`` gives ``base.x`` … ``base.yaw``.
-        xyz: (3,) origin [m] in the frame in front.
-        rpy: (3,) roll, pitch, yaw [rad], about fixed axes in this order.
-
-    Example:
-        >>> [factor.parameter for factor in frame_factors("tool", (0.0, 0.0, 0.1), (0.0, 0.0, 0.0))][:3]
-        ['tool.x', 'tool.y', 'tool.z']
-    """
+    """The factors of a fixed frame, ``T = Trans(x, y, z) Rz(yaw) Ry(pitch) Rx(roll)`` (URDF's convention). prefix: of
+    the parameter names: ``base`` gives ``base.x`` … ``base.yaw``; xyz: (3,) origin [m] in the frame in front; rpy: (3,)
+    roll, pitch, yaw [rad], about fixed axes in this order."""
     roll, pitch, yaw = rpy
     return (
         Factor("translate", 0, xyz[0], f"{prefix}.x"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -16,20 +16,18 @@ from posture_opt.errors import BadValueError, InputError, Issue, listed
 from posture_opt.files import content, located
 from posture_opt.limits import MOST_JOINTS
 from posture_opt.numerics import Array
+from posture_opt.robot.corrections import with_velocities
 from posture_opt.robot.format import FULL_TURN, RobotFormat, check_joint_name
-from posture_opt.robot.joint_velocities import with_velocities
-from posture_opt.robot.robot import Joint, Robot, UrdfDescription
-from posture_opt.robot.shape import BASE
+from posture_opt.robot.robot import BASE, Joint, Robot, UrdfDescription
 from posture_opt.robot.shape_section import replaces_shape, shaped
-from posture_opt.robot.srdf import read_srdf
 from posture_opt.robot.urdf_chain import ChainSegment, link_factors, segments_of
-from posture_opt.robot.urdf_reader import MAX_BYTES, in_urdf, read_urdf
+from posture_opt.robot.urdf_reader import MAX_BYTES, MAX_NUMBER, Element, in_urdf, read_elements, read_urdf
 from posture_opt.robot.urdf_shape import Carried, UrdfShape, urdf_shape
-from posture_opt.robot.urdf_tip import ChosenTip, chosen_tip
-from posture_opt.robot.urdf_tree import UrdfJoint, UrdfTree
+from posture_opt.robot.urdf_tree import ChosenTip, UrdfJoint, UrdfTree, chosen_tip
+from posture_opt.texts import number_or_nan, text_fault
 
+# Types of URDF joints with one variable; continuous is a revolute joint without limits
 _MOVING_TYPES = ("revolute", "continuous", "prismatic")
-"""Types of URDF joints with one variable; ``continuous`` is a revolute joint without limits."""
 
 
 class UrdfRobot(RobotFormat):
@@ -57,12 +55,7 @@ class UrdfRobot(RobotFormat):
     )
 
     def nominal(self, folder: Path) -> Robot:
-        """The chain in numbers.
-
-        Raises:
-            InputError: no such file, no URDF, no such link, no chain between the links, or a joint in it that a
-                serial arm with one variable a joint cannot have (mimic, floating, planar).
-        """
+        """The chain in numbers."""
         file = self._located_file(folder)
         tree = read_urdf(file)
         tip = self._tip(tree)
@@ -90,50 +83,31 @@ class UrdfRobot(RobotFormat):
         return robot if self.srdf is None else _with_srdf(robot, tree, path[0].parent, segments, folder, self.srdf)
 
     def _located_file(self, folder: Path) -> Path:
-        """The path of the key ``file``.
-
-        Raises:
-            InputError: no path can have this name.
-        """
+        """The path of the key ``file``."""
         try:
             return located(folder, self.file)
         except InputError as error:
             raise InputError([issue.at("file") for issue in error.issues]) from None
 
     def chosen_tip(self, folder: Path) -> ChosenTip:
-        """The last link of the chain; where the section does not name it, with what was assumed.
-
-        Raises:
-            InputError: as of ``nominal``.
-        """
+        """The last link of the chain; where the section does not name it, with what was assumed."""
         return self._tip(read_urdf(self._located_file(folder)))
 
     def _base(self, tree: UrdfTree) -> str:
-        """The first link of the chain.
-
-        Raises:
-            InputError: no such link, or several roots of which none is named.
-        """
-        base = self.base_link or _only_root(tree.roots())
+        roots = tree.roots()
+        if not self.base_link and len(roots) != 1:
+            message = f"the URDF has {len(roots)} root links, the file falls apart"
+            raise InputError(Issue(message, ("base_link",), None, f"name one: base_link: {listed(roots)}"))
+        base = self.base_link or roots[0]
         tree.require(base, "base_link")
         return base
 
     def _tip(self, tree: UrdfTree) -> ChosenTip:
-        """The last link of the chain.
-
-        Raises:
-            InputError: no such link, or several of which none is named.
-        """
         tip = ChosenTip(self.tip_link) if self.tip_link else chosen_tip(tree, self._base(tree))
         tree.require(tip.link, "tip_link")
         return tip
 
     def _chain_path(self, tree: UrdfTree, tip: str) -> list[UrdfJoint]:
-        """The joints from the base link to the tip link, fixed ones included.
-
-        Raises:
-            InputError: no chain between the two.
-        """
         base = self._base(tree)
         path = tree.path(base, tip)
         if not path and tip == base:
@@ -148,50 +122,24 @@ class UrdfRobot(RobotFormat):
 def _with_srdf(
     robot: Robot, tree: UrdfTree, base_link: str, segments: Sequence[ChainSegment], folder: Path, file: str
 ) -> Robot:
-    """The robot with the named postures of an SRDF, and the pairs of joints that it does not check.
-
-    Raises:
-        InputError: the file cannot be used.
-    """
     found = read_srdf(folder, file, tree)
     bodies = {BASE: base_link, **{segment.moving.name: segment.moving.child for segment in segments}}
-    carried = {
-        joint: [name for name, _ in tree.rigid(link) if tree.collisions.get(name)] for joint, link in bodies.items()
-    }
-    return replace(
-        robot,
-        allowed_collisions=found.allowed_pairs(carried),
-        named_postures=found.postures(robot.joint_names),
-    )
+    carried = {j: [name for name, _ in tree.rigid(link) if tree.collisions.get(name)] for j, link in bodies.items()}
+    allowed, postures = found.allowed_pairs(carried), found.postures(robot.joint_names)
+    return replace(robot, allowed_collisions=allowed, named_postures=postures)
 
 
 def _own_shape(tree: UrdfTree, base_link: str, segments: Sequence[ChainSegment], end: Array, file: Path) -> UrdfShape:
     """The shape of the file's ``<collision>`` elements, capsules in the frame behind each joint.
 
-    Behind the last joint that is the flange, whatever is fixed in between: ``end`` (4, 4) is the child link of that
-    joint in it, lengths in [m].
+    Behind the last joint that is the flange: ``end`` (4, 4) is the child link of that joint in it, lengths in [m].
     """
-    frames = [*[np.eye(4)] * (len(segments) - 1), end]
-    carried = [
-        Carried(segment.moving.name, segment.moving.child, T) for segment, T in zip(segments, frames, strict=True)
-    ]
-    return urdf_shape(tree, (Carried(BASE, base_link, np.eye(4)), *carried), file)
-
-
-def _only_root(links: list[str]) -> str:
-    """The root link of a file that has one.
-
-    Raises:
-        InputError: several roots: links that are not connected by joints.
-    """
-    if len(links) == 1:
-        return links[0]
-    message = f"the URDF has {len(links)} root links, the file falls apart"
-    raise InputError(Issue(message, ("base_link",), None, f"name one: base_link: {listed(links)}"))
+    frames = [np.eye(4)] * (len(segments) - 1) + [end]
+    links = [Carried(s.moving.name, s.moving.child, T) for s, T in zip(segments, frames, strict=True)]
+    return urdf_shape(tree, (Carried(BASE, base_link, np.eye(4)), *links), file)
 
 
 def _chain_faults(path: list[UrdfJoint]) -> Iterator[Issue]:
-    """Every joint of the chain that cannot be used, and a chain without moving joints or with too many."""
     moving = [joint for joint in path if joint.type != "fixed"]
     for joint in moving:
         try:
@@ -206,11 +154,6 @@ def _chain_faults(path: list[UrdfJoint]) -> Iterator[Issue]:
 
 
 def _check_joint(joint: UrdfJoint) -> None:
-    """Refuse a moving joint that cannot be in the chain.
-
-    Raises:
-        BadValueError: a mimic joint, a type with several variables, an axis of length zero, no or crossed limits.
-    """
     name, chain = f"joint '{joint.name}'", f"only {', '.join(_MOVING_TYPES)} and fixed joints can be in the chain"
     if joint.mimics:
         message = f"{name} mimics '{joint.mimics}': coupled joints cannot be in the chain"
@@ -243,10 +186,8 @@ def pitched_rolls(robot: Robot) -> tuple[str, ...]:
 
 
 def _joint_of(tree: UrdfTree, segment: ChainSegment) -> Joint:
-    """The joint with the mass [kg] of all that is fixed to its child link and their common centre (3,) [m].
-
-    ``com = Σ m_i c_i / Σ m_i``, in the frame behind the segment.
-    """
+    """The joint with the mass [kg] of all that is fixed to its child link and their common centre (3,) [m]. ``com = Σ
+    m_i c_i / Σ m_i``, in the frame behind the segment."""
     moving = segment.moving
     T_child_end = segment.T_child_end
     bodies = [(tree.inertials[link], T) for link, T in tree.rigid(moving.child) if link in tree.inertials]
@@ -258,10 +199,100 @@ def _joint_of(tree: UrdfTree, segment: ChainSegment) -> Joint:
         x, y, z = (T_child_end[:3, :3].T @ (centre - T_child_end[:3, 3])).tolist()
         com = (x, y, z)
     kind: Literal["revolute", "prismatic"] = "prismatic" if moving.type == "prismatic" else "revolute"
-    velocity, effort = map(_known, (moving.velocity, moving.effort))
+    # Zero stands for unknown in many files.
+    velocity, effort = (limit if limit and limit > 0 else math.nan for limit in (moving.velocity, moving.effort))
     return Joint(moving.name, kind, *_joint_limits(moving), mass, com, velocity=velocity, effort=effort)
 
 
-def _known(limit: float | None) -> float:
-    """A limit of speed or torque; NaN where the file has none: zero stands for unknown in many files."""
-    return limit if limit is not None and limit > 0 else math.nan
+_FREE_JOINTS = ("floating", "planar")  # Types of joints with several values, as of a base that drives: never in a chain
+
+
+@dataclass(frozen=True)
+class Srdf:
+    """Pairs of links and named postures of an SRDF (MoveIt, "URDF and SRDF": disable_collisions, group_state)."""
+
+    disabled: frozenset[frozenset[str]]  # pairs of links whose collisions are not checked
+    states: dict[str, dict[str, float]]  # name -> joint -> value [rad or m]
+
+    def allowed_pairs(self, carried: dict[str, list[str]]) -> frozenset[frozenset[str]]:
+        """Pairs of joints of which no links are checked against each other, by the links with a shape that each
+        carries."""
+        names = list(carried)
+        return frozenset(
+            frozenset((a, b))
+            for k, a in enumerate(names)
+            for b in names[:k]
+            if carried[a]
+            and carried[b]
+            and all(frozenset((one, other)) in self.disabled for one in carried[a] for other in carried[b])
+        )
+
+    def postures(self, joints: tuple[str, ...]) -> tuple[tuple[str, tuple[tuple[str, float], ...]], ...]:
+        """The named postures of some joints; states of other joints alone, of a gripper say, are left out."""
+        found = (
+            (name, tuple((joint, values[joint]) for joint in joints if joint in values))
+            for name, values in self.states.items()
+        )
+        return tuple((name, values) for name, values in found if values)
+
+
+def read_srdf(folder: Path, file: str, tree: UrdfTree) -> Srdf:
+    """The SRDF in ``file``, named from ``folder``, of the robot of a URDF."""
+    try:
+        path = located(folder, file)
+        root = read_elements(content(path, MAX_BYTES))[0]
+        if root.tag != "robot":
+            raise InputError(Issue(f"the file is no SRDF: it begins with <{root.tag}>, not <robot>", line=root.line))
+        pairs = (frozenset(_text(e, key) for key in ("link1", "link2")) for e in root.each("disable_collisions"))
+        disabled = frozenset(pair for pair in pairs if len(pair) == 2)
+        named = {link for pair in disabled for link in pair}
+        if named and not named & {*tree.links}:
+            raise InputError(Issue("none of its links is in the URDF", hint="is it that of another robot?"))
+        return Srdf(disabled, _states(root, {joint.name for joint in tree.joints if joint.type not in _FREE_JOINTS}))
+    except InputError as error:
+        lines = [f"line {issue.line}: " if issue.line else "" for issue in error.issues]
+        raise InputError([
+            Issue(f"{line}{issue.message}", ("srdf",), file, issue.hint)
+            for line, issue in zip(lines, error.issues, strict=True)
+        ]) from None  # fmt: skip
+
+
+def _states(root: Element, single: set[str]) -> dict[str, dict[str, float]]:
+    """The named states; of several of one name, in several groups, the one with most joints. Values of joints with
+    several degrees of freedom, which are none of the ``single`` ones, are left out."""
+    found: dict[str, dict[str, float]] = {}
+    stated: set[tuple[str, str]] = set()
+    for state in root.each("group_state"):
+        name, group = _text(state, "name"), _text(state, "group")
+        if (name, group) in stated:
+            raise InputError(Issue(f"the state '{name}' of the group '{group}' is stated twice", line=state.line))
+        stated.add((name, group))
+        values: dict[str, float] = {}
+        for joint in state.each("joint"):
+            moved = _text(joint, "name")
+            if moved in values:
+                raise InputError(Issue(f"the state '{name}' states the joint '{moved}' twice", line=joint.line))
+            if moved in single or len(_text(joint, "value").split()) < 2:
+                values[moved] = _value(joint)
+        if len(values) > len(found.get(name, {})):
+            found[name] = values
+    return found
+
+
+def _value(joint: Element) -> float:
+    """The value [rad or m] of a joint in a state."""
+    text = _text(joint, "value")
+    value = number_or_nan(text)
+    if not math.isfinite(value):
+        raise InputError(Issue(f"the value '{text}' of a joint is no number", line=joint.line))
+    if abs(value) > MAX_NUMBER:
+        raise InputError(Issue(f"the value '{text}' of a joint is not plausible", line=joint.line))
+    return value
+
+
+def _text(element: Element, key: str) -> str:
+    given = element.attributes.get(key, "")
+    fault = text_fault(given)
+    if fault is not None:
+        raise InputError(Issue(f"<{element.tag} {key}=…>: {fault[0]}", hint=fault[1], line=element.line))
+    return given

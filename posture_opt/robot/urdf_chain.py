@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -12,28 +13,20 @@ from posture_opt.numerics import Array
 from posture_opt.robot.robot import Axis, Factor, frame_factors
 from posture_opt.robot.urdf_tree import UrdfJoint
 
-_AXIS_TOLERANCE = 1e-14
-"""Largest component of a unit vector across a coordinate axis that it is taken for: far below what poses show."""
-
 
 @dataclass(frozen=True)
 class ChainSegment:
-    """A moving joint with the fixed origins before it and, for the last one, behind it.
+    """A moving joint with the fixed origins before it and, for the last one, behind it."""
 
-    Args:
-        before: (4, 4) each, the origins of fixed joints since the last moving one, lengths in [m].
-        moving: the joint itself, with its own origin.
-        behind: (4, 4) each, origins of the fixed joints up to the tip link; empty but for the last segment.
-    """
-
-    before: tuple[Array, ...]
-    moving: UrdfJoint
+    before: tuple[Array, ...]  # (4, 4) each, the origins of fixed joints since the last moving one, lengths in [m]
+    moving: UrdfJoint  # the joint itself, with its own origin
+    # (4, 4) each, origins of the fixed joints up to the tip link; empty but for the last segment
     behind: tuple[Array, ...] = ()
 
     @property
     def T_child_end(self) -> Array:  # noqa: N802
         """(4, 4) the pose of the end of the segment in the child link of its joint, lengths in [m]."""
-        return _product_of(self.behind)
+        return functools.reduce(np.matmul, self.behind, np.eye(4))
 
 
 def segments_of(path: list[UrdfJoint]) -> list[ChainSegment]:
@@ -51,7 +44,7 @@ def segments_of(path: list[UrdfJoint]) -> list[ChainSegment]:
 
 
 def link_factors(segment: ChainSegment, index: int) -> tuple[Factor, ...]:
-    """Fixed origins (unnamed), the joint's own origin (named), its motion, and what is fixed behind the last joint."""
+    """Fixed origins (unnamed), the joint's origin (named) and motion, and the fixed origins behind the last joint."""
     joint = segment.moving
     return (
         *(factor for origin in segment.before for factor in _constant_factors(origin)),
@@ -62,11 +55,7 @@ def link_factors(segment: ChainSegment, index: int) -> tuple[Factor, ...]:
 
 
 def _origin_factors(joint: UrdfJoint) -> tuple[Factor, ...]:
-    """The named factors of a joint's origin, ``Trans(x, y, z) Rz(yaw) Rx(δ) Ry(pitch) Rx(roll)``, δ named ``.roll``.
-
-    The three turn about perpendicular axes at every pitch. An error of the angle roll itself would turn about the axis
-    of yaw at a pitch of ±90°, and then no three errors make a small turn about the third axis; without pitch it is δ.
-    """
+    """The named factors of a joint's origin, ``Trans(x, y, z) Rz(yaw) Rx(δ) Ry(pitch) Rx(roll)``, δ named ``.roll``."""
     x, y, z = joint.origin[:3, 3].tolist()
     roll, pitch, yaw = joint.rpy
     named = frame_factors(joint.name, (x, y, z), (roll, pitch, yaw))
@@ -77,17 +66,14 @@ def _origin_factors(joint: UrdfJoint) -> tuple[Factor, ...]:
 
 
 def _constant_factors(origin: Array) -> tuple[Factor, ...]:
-    """An origin (4, 4) as at most six factors without names; those of value zero are left out."""
+    """An origin (4, 4) as up to six unnamed factors."""
     named = frame_factors("", *xyz_rpy(origin))
     return tuple(replace(factor, parameter="") for factor in named if factor.nominal != 0.0)
 
 
 def xyz_rpy(T: Array) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Position (3,) [m] and (roll, pitch, yaw) [rad] of a frame (4, 4), with ``R = Rz(yaw) Ry(pitch) Rx(roll)``.
-
-    Roll is taken from what yaw and pitch leave over, so the product is exact at pitch = ±90° too, where yaw and
-    roll turn about one axis and only their sum is given.
-    """
+    """Position (3,) [m] and (roll, pitch, yaw) [rad] of a frame (4, 4), ``R = Rz(yaw) Ry(pitch) Rx(roll)``. Roll is
+    what yaw and pitch leave over: exact at pitch = ±90° too, where only the sum of yaw and roll is given."""
     R = T[:3, :3]
     cos_pitch = math.hypot(R[0, 0], R[1, 0])
     yaw = math.atan2(R[1, 0], R[0, 0]) if cos_pitch > 1e-13 else math.atan2(-R[0, 1], R[1, 1])
@@ -99,14 +85,14 @@ def xyz_rpy(T: Array) -> tuple[tuple[float, ...], tuple[float, ...]]:
 
 
 def _motion_factors(joint: UrdfJoint, index: int) -> tuple[Factor, ...]:
-    """The joint variable about or along its axis; any but +x, +y, +z is turned onto z by constants and back."""
     kind: Literal["translate", "rotate"] = "translate" if joint.type == "prismatic" else "rotate"
     parameter = f"{joint.name}.{'d' if kind == 'translate' else 'theta'}"
     axis = joint.axis / np.max(np.abs(joint.axis))  # whose square no float may hold
     x, y, z = unit = axis / np.linalg.norm(axis)
     axes: tuple[Axis, ...] = (0, 1, 2)
     for axis in axes:
-        if unit[axis] > 0 and np.abs(np.delete(unit, axis)).max() < _AXIS_TOLERANCE:
+        # Largest component of a unit vector across a coordinate axis that it is taken for: far below what poses show.
+        if unit[axis] > 0 and np.abs(np.delete(unit, axis)).max() < 1e-14:
             return (Factor(kind, axis, 0.0, parameter, index),)
     yaw, pitch = math.atan2(y, x), math.atan2(math.hypot(x, y), z)
     return (
@@ -116,11 +102,3 @@ def _motion_factors(joint: UrdfJoint, index: int) -> tuple[Factor, ...]:
         Factor("rotate", 1, -pitch),
         Factor("rotate", 2, -yaw),
     )
-
-
-def _product_of(frames: tuple[Array, ...]) -> Array:
-    """(4, 4) the product of frames (4, 4), from left to right."""
-    T = np.eye(4)
-    for frame in frames:
-        T = T @ frame
-    return T

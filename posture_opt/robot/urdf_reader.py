@@ -19,13 +19,11 @@ from posture_opt.errors import InputError, Issue
 from posture_opt.files import content
 from posture_opt.numerics import Array
 from posture_opt.robot.urdf_tree import Collision, Inertial, UrdfJoint, UrdfTree
-from posture_opt.texts import one_line, text_fault
+from posture_opt.texts import number_or_nan, one_line, text_fault
 from posture_opt.units import NEGLIGIBLE
 
-MAX_ELEMENTS = 100_000
-"""Elements of a file; a humanoid with hands has some ten thousand."""
-MAX_NESTED = 100
-"""Elements inside each other; a description of a robot has five, its plug-ins some more."""
+MAX_ELEMENTS = 100_000  # Elements of a file; a humanoid with hands has some ten thousand
+MAX_NESTED = 100  # Elements inside each other; a description of a robot has five, its plug-ins some more
 
 
 @dataclass(frozen=True)
@@ -47,13 +45,7 @@ class Element:
 
 
 def read_elements(data: bytes) -> tuple[Element, ...]:
-    """All elements of an XML document in the order of the file, the outermost first.
-
-    Raises:
-        InputError: no well-formed XML, more than ``MAX_ELEMENTS`` elements, or ``MAX_NESTED`` of them inside each
-            other, or a DOCTYPE: what an entity of it stands for is seen by some readers and not by others, and 0.5
-            could become 5.
-    """
+    """All elements of an XML document in the order of the file, the outermost first."""
     reader = _ElementReader()
     try:
         reader.parser.Parse(data, True)
@@ -76,11 +68,6 @@ class _ElementReader:
         self.parser.EndElementHandler = self._end
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
-        """A new element inside the one that is open.
-
-        Raises:
-            InputError: the file has more than ``MAX_ELEMENTS``, or more than ``MAX_NESTED`` inside each other.
-        """
         if len(self.around) == MAX_NESTED:
             message = f"more than {MAX_NESTED} elements stand inside each other, which no robot description has"
             raise InputError(Issue(message, line=self.parser.CurrentLineNumber))
@@ -96,18 +83,13 @@ class _ElementReader:
         self.around.pop()
 
     def _doctype(self, name: str, *declared: object) -> NoReturn:
-        """Refuses a document type.
-
-        Raises:
-            InputError: always.
-        """
         hint = "remove <!DOCTYPE …>, and write numbers and names in place of its &entities;"
         message = "a robot description has no DOCTYPE and no entities"
         raise InputError(Issue(message, hint=hint, line=self.parser.CurrentLineNumber))
 
 
-MAX_NUMBER = 1e18
-"""Limits of 1e16 mean that there is none; up to here squares of squares are still numbers."""
+MAX_NUMBER = 1e18  # Limits of 1e16 mean that there is none; up to here squares of squares are still numbers
+# Geometry -> its attributes, and how many numbers each holds
 _GEOMETRY_SIZES = {
     # geometry -> its attributes, and how many numbers each holds
     "box": (("size", 3),),
@@ -116,17 +98,11 @@ _GEOMETRY_SIZES = {
     "sphere": (("radius", 1),),
     "mesh": (("scale", 3),),
 }
-"""Geometry -> its attributes, and how many numbers each holds."""
-MAX_BYTES = 50_000_000
-"""Largest URDF file that is read; a robot of some hundred links takes a few hundred kB."""
+MAX_BYTES = 50_000_000  # Largest URDF file that is read; a robot of some hundred links takes a few hundred kB
 
 
 def read_urdf(path: Path) -> UrdfTree:
-    """The tree of the file at ``path``; lengths in [m], angles in [rad].
-
-    Raises:
-        InputError: no such file, not XML, not a URDF, a part missing, numbers that are none, or no tree.
-    """
+    """The tree of the file at ``path``; lengths in [m], angles in [rad]."""
     try:
         return urdf_tree(content(path, MAX_BYTES), path.name)
     except InputError as error:
@@ -134,16 +110,12 @@ def read_urdf(path: Path) -> UrdfTree:
 
 
 def urdf_tree(data: bytes, name: str) -> UrdfTree:
-    """The tree of a URDF that is called ``name``; lengths in [m], angles in [rad].
-
-    Raises:
-        InputError: as of `read_urdf`, without the path.
-    """
+    """The tree of a URDF that is called ``name``; lengths in [m], angles in [rad]."""
     return _tree_of(_robot_element(data, name), Path(name).stem)
 
 
 def in_urdf(issue: Issue, path: Path) -> Issue:
-    """The issue about a line of the URDF file as one about the key ``file``, with the place where it was looked for."""
+    """An issue about the key ``file``, with the place of the file and its line."""
     line = f":{issue.line}" if issue.line else ""
     where = "" if path.is_absolute() else f" (in {path.absolute().parent})"
     return replace(issue, message=f"{path}{line}{where}: {issue.message}", key=("file",), value=str(path), line=0)
@@ -164,7 +136,6 @@ def _robot_element(data: bytes, name: str) -> Element:
 
 
 def _xacro_issue(element: Element) -> Issue | None:
-    """The issue about an element that xacro has still to expand; that a file declares its namespace is no proof."""
     given = [f'{key}="{value}"' for key, value in element.attributes.items() if "${" in value or "$(" in value]
     if element.tag.startswith("xacro:"):
         found = f"<{element.tag}>"
@@ -177,11 +148,7 @@ def _xacro_issue(element: Element) -> Issue | None:
 
 
 def _tree_of(robot: Element, stem: str) -> UrdfTree:
-    """The tree of an element ``<robot>``; ``stem`` of the file name stands in for a missing name.
-
-    Raises:
-        InputError: everything wrong with links and joints, or with how they are connected.
-    """
+    """The tree of an element ``<robot>``; ``stem`` of the file name stands in for a missing name."""
     reader = _UrdfReader([])
     links = [(reader.name(element), element) for element in robot.each("link")]
     tree = UrdfTree(
@@ -198,7 +165,7 @@ def _tree_of(robot: Element, stem: str) -> UrdfTree:
 
 @dataclass(frozen=True)
 class _UrdfReader:
-    """Turns elements into links and joints; ``issues`` gathers what is wrong with them."""
+    """Elements as links and joints; ``issues`` gathers faults."""
 
     issues: list[Issue]
 
@@ -242,7 +209,7 @@ class _UrdfReader:
         return Inertial(mass, self._origin_of(element, owner)[:3, 3])
 
     def collisions(self, link: str, element: Element) -> Iterator[Collision]:
-        """The bodies of a link; what has no extent and what is no known geometry is left out."""
+        """Bodies of a link with an extent and a known geometry."""
         owner = f"<collision> of link '{link}'"
         for collision in element.each("collision"):
             for geometry in (inside for part in collision.each("geometry") for inside in part.inside):
@@ -253,7 +220,6 @@ class _UrdfReader:
                         yield Collision(geometry.tag, size, self._origin_of(collision, owner), file)  # type: ignore[arg-type]
 
     def _geometry_numbers(self, geometry: Element, owner: str) -> tuple[float, ...]:
-        """The numbers that the attributes of a geometry hold, in that order; a missing scale is 1."""
         given = [
             (key, geometry.attributes[key], n) for key, n in _GEOMETRY_SIZES[geometry.tag] if key in geometry.attributes
         ]
@@ -263,7 +229,7 @@ class _UrdfReader:
         return tuple(numbers) if len(given) == len(_GEOMETRY_SIZES[geometry.tag]) else (0.0,)
 
     def text(self, element: Element, key: str, owner: str) -> str:
-        """An attribute that must be a text in one line and not empty; an issue where it is not."""
+        """An attribute in one line and not empty, or an issue."""
         given = element.attributes.get(key, "")
         if not given:
             message = f"{owner} lacks its {key}"
@@ -282,26 +248,24 @@ class _UrdfReader:
 
     def _origin_of(self, element: Element, owner: str) -> Array:
         """(4, 4) the element's ``<origin>`` in the frame of its owner, lengths in [m]; the identity where there is
-        none.
-        """
+        none."""
         origin = element.first("origin")
         return _origin_transform(self._three_numbers(origin, "xyz", owner), self._three_numbers(origin, "rpy", owner))
 
     def _three_numbers(self, element: Element | None, key: str, owner: str) -> Array:
-        """(3,) the numbers of an attribute ([m], [rad] or none, as there); zeros where it is missing."""
+        """(3,) the numbers of an attribute [m or rad], zeros without it."""
         given = element.attributes.get(key) if element else None
         if element is None or given is None:
             return np.zeros(3)
         return np.array(self._finite_numbers(element, key, given.split(), 3, owner))
 
     def _one_number(self, element: Element | None, key: str, owner: str) -> float | None:
-        """One number of an attribute; None where it is left out."""
         given = element.attributes.get(key) if element else None
         return None if element is None or given is None else self._finite_numbers(element, key, [given], 1, owner)[0]
 
     def _finite_numbers(self, element: Element, key: str, words: list[str], count: int, owner: str) -> list[float]:
         """``count`` finite numbers, `NEGLIGIBLE` ones as zeros; zeros and an issue where the words are none."""
-        numbers = [_float_or_nan(word) for word in words]
+        numbers = [number_or_nan(word) for word in words]
         finite = len(numbers) == count and all(map(math.isfinite, numbers))
         if finite and all(abs(number) < MAX_NUMBER for number in numbers):
             return [number if abs(number) > NEGLIGIBLE else 0.0 for number in numbers]
@@ -310,14 +274,6 @@ class _UrdfReader:
         message = f'{owner}: <{element.tag} {key}="{given}"> {fault}'
         self.issues.append(Issue(message, value=given, hint="is the exponent right?" * finite, line=element.line))
         return [0.0] * count
-
-
-def _float_or_nan(word: str) -> float:
-    """The number that a word is; NaN where it is none."""
-    try:
-        return float(word)
-    except ValueError:
-        return math.nan
 
 
 def _origin_transform(xyz: Array, rpy: Array) -> Array:

@@ -19,53 +19,34 @@ from posture_opt.errors import listed
 from posture_opt.numerics import TURN, Array
 from posture_opt.robot.capsule_fit import Edges, fitted_capsules
 from posture_opt.robot.meshes import UnreadMeshError, located_mesh, read_mesh
-from posture_opt.robot.shape import BASE, Capsule, moved
+from posture_opt.robot.robot import BASE, Capsule, moved
 from posture_opt.robot.urdf_tree import Collision, UrdfTree
 
-_RIM_CORNERS = 48
-"""Corners of the polygon about a cylinder's rim: it is 0.2 % wider than the rim."""
-_COINCIDENCE_M = 1e-6
-"""Two lengths or places in a file that differ by less are meant to be one."""
+_RIM_CORNERS = 48  # Corners of the polygon about a cylinder's rim: it is 0.2 % wider than the rim
+_COINCIDENCE_M = 1e-6  # Two lengths or places in a file that differ by less are meant to be one
 
 
 @dataclass(frozen=True)
 class Carried:
-    """The link that a joint carries.
+    """The link that a joint carries."""
 
-    Args:
-        joint: name of the joint, or ``base`` for the base link.
-        link: name of the link.
-        T_joint_link: (4, 4) the link in the frame behind the joint, lengths in [m].
-    """
-
-    joint: str
-    link: str
-    T_joint_link: Array
+    joint: str  # name of the joint, or base for the base link
+    link: str  # name of the link
+    T_joint_link: Array  # (4, 4) the link in the frame behind the joint, lengths in [m]
 
 
 class UrdfShape(NamedTuple):
-    """The shape that a URDF states.
+    """The shape that a URDF states."""
 
-    Args:
-        capsules: [m], in the frame behind each joint.
-        notes: one for each reason why a shape is missing.
-        unshaped: names of the links that have none; ``bare`` the joints that carry them.
-    """
-
-    capsules: tuple[Capsule, ...]
-    notes: tuple[str, ...]
-    unshaped: tuple[str, ...]
+    capsules: tuple[Capsule, ...]  # [m], in the frame behind each joint
+    notes: tuple[str, ...]  # one for each reason why a shape is missing
+    unshaped: tuple[str, ...]  # names of the links that have none; bare the joints that carry them
     bare: tuple[str, ...]
 
 
 def urdf_shape(tree: UrdfTree, carried: Sequence[Carried], file: Path) -> UrdfShape:
-    """The capsules of all links, and notes on links that have none or not all.
-
-    Args:
-        tree: links with their ``<collision>`` elements.
-        carried: base link and child link of every moving joint.
-        file: path of the URDF, from which mesh names are resolved.
-    """
+    """The capsules of all links, and notes on links that have none or not all. tree: links with their ``<collision>``
+    elements."""
     capsules: list[Capsule] = []
     unread: dict[str, list[str]] = {}
     bare: list[str] = []
@@ -93,7 +74,6 @@ def urdf_shape(tree: UrdfTree, carried: Sequence[Carried], file: Path) -> UrdfSh
 
 
 def _unchained_note(tree: UrdfTree, carried: Sequence[Carried]) -> tuple[str, ...]:
-    """A note on links with a shape that are carried by joints outside the chain, as fingers are."""
     known = {link for body in carried for link, _ in tree.rigid(body.link)}
     unchained = [
         joint.child
@@ -104,11 +84,7 @@ def _unchained_note(tree: UrdfTree, carried: Sequence[Carried]) -> tuple[str, ..
 
 
 def _link_capsules(collisions: Sequence[Collision], file: Path) -> Iterator[Capsule]:
-    """Capsules [m] in the frame of the link; a cylinder with a ball at both ends is one capsule.
-
-    Raises:
-        UnreadMeshError: a mesh that is not found or cannot be read.
-    """
+    """Capsules [m] in the frame of the link; a cylinder with a ball at both ends is one capsule."""
     balls = [collision for collision in collisions if collision.kind == "sphere"]
     used: set[int] = set()
     for collision in collisions:
@@ -123,7 +99,6 @@ def _link_capsules(collisions: Sequence[Collision], file: Path) -> Iterator[Caps
 
 
 def _end_spheres(cylinder: Collision, balls: Sequence[Collision]) -> list[Collision]:
-    """The two balls that make a capsule of a cylinder, as self-collision models have it; nothing without both."""
     radius, length = cylinder.size
     found = []
     for sign in (-1, 1):
@@ -153,13 +128,11 @@ def _fitted_body(collision: Collision, file: Path) -> tuple[Capsule, ...]:
 
 @lru_cache(maxsize=256)
 def _fitted_solid(kind: str, size: tuple[float, ...]) -> tuple[Capsule, ...]:
-    """Capsules about a box or a cylinder; fitted once for all problems of an arm."""
     return tuple(fitted_capsules(_body_edges(kind, size), BASE))
 
 
 @lru_cache(maxsize=256)
 def _fitted_mesh(path: Path, scale: tuple[float, ...], _changed: int, _size: int) -> tuple[Capsule, ...]:
-    """Fitted once for all problems of an arm: a fine mesh takes a second."""
     return tuple(fitted_capsules(read_mesh(path, scale), BASE))
 
 

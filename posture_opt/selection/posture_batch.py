@@ -10,11 +10,11 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
+from posture_opt import presenter_of
 from posture_opt.errors import InputError, Issue, NoSolutionError, PostureOptError
 from posture_opt.limits import MOST_PROBLEM_FILES
 from posture_opt.numerics import Json, Progress, finite_or_none
 from posture_opt.output import finite
-from posture_opt.registration import registered
 from posture_opt.result import Result
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.select_posture import select_posture
@@ -25,10 +25,8 @@ from posture_opt.workers.record_pattern import Either, recorded
 if TYPE_CHECKING:
     from posture_opt.selection.answer.solution import Solution
 
-MOST_PAGES = 20
-"""Answers that bring a page of their own: drawing an arm takes a second or two, and a page some 0.5 MB."""
+MOST_PAGES = 20  # answers that bring a page of their own: drawing an arm takes a second or two, and a page some 0.5 MB
 _FAILURES = {2: "with bad input", 3: "without a solution", 4: "with too few data", 1: "stopped by a defect"}
-_DEFECT_EXIT_CODE = 1  # exit code of what is no one's input
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,19 +54,23 @@ class BatchAnswer:
         return "failed" if self.document is None else str(self.document["status"])
 
     @property
+    def _solution(self) -> Mapping[str, Any]:
+        return {} if self.code or self.document is None else self.document
+
+    @property
     def sigma_max(self) -> float:
         """Largest standard deviation of the part that counts [m], over all postures; NaN without a solution."""
-        return math.nan if self.code or self.document is None else float(self.document["sigma_max"])
+        return float(self._solution.get("sigma_max", math.nan))
 
     @property
     def worst_station(self) -> str | None:
         """The feature or point that ``sigma_max`` is of; None where there is one target, or no solution."""
-        return None if self.code or self.document is None else self.document["worst_station"]
+        return self._solution.get("worst_station")
 
     @property
     def success_probability(self) -> float:
         """To stay within the clearance, at the worst feature or point; NaN without one."""
-        value = None if self.code or self.document is None else self.document.get("success_probability")
+        value = self._solution.get("success_probability")
         return math.nan if value is None else float(value)
 
     def to_json(self) -> dict[str, Json]:
@@ -194,22 +196,15 @@ _KNOWN = {
     "success_probability": Either(float, None),
 }
 _PAGE = Either(None, (str, str))
+# The pattern of what `solved` returns: of a document what is read of it.
 _ANSWER = Either(
     (frozenset({0}), [str], _KNOWN, _PAGE), (frozenset({1, 2, 3, 4}), [str], Either(None, _UNKNOWN), _PAGE)
 )
-"""The pattern of what `solved` returns: of a document what is read of it."""
 
 
 @recorded(lambda seed, item: _ANSWER)
 def solved(seed: int | None, item: tuple[ProblemData, bool]) -> list[Any]:
-    """Exit code, reasons, document, and page with picture or None, of one problem: a part of the work.
-
-    A defect is its own problem's too: of a thousand problems the others keep their answers.
-
-    Args:
-        seed: of the random starts; None: the problem's.
-        item: the problem, and whether a page is made.
-    """
+    """Exit code, reasons, document, and page with picture or None; a defect is its own problem's too."""
     problem, paged = item
     try:
         solution = select_posture(problem, seed=seed)
@@ -223,12 +218,11 @@ def solved(seed: int | None, item: tuple[ProblemData, bool]) -> list[Any]:
     except PostureOptError as error:
         return _failed(error)
     except Exception as error:
-        return [_DEFECT_EXIT_CODE, [f"{type(error).__name__}: {error} (a defect of this program)"], None, None]
+        return [1, [f"{type(error).__name__}: {error} (a defect of this program)"], None, None]
 
 
 def _page_of(solution: Solution) -> list[str]:
-    """The report of a solution as a page, and its picture in base64."""
-    page, picture = registered("presenter", solution).illustrated_page()
+    page, picture = presenter_of(solution).illustrated_page()
     return [page, b64encode(picture).decode("ascii")]
 
 

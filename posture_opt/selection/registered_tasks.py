@@ -31,7 +31,7 @@ class BrokenTask:
 
 @dataclass(frozen=True)
 class RegisteredTasks:
-    """What the installed packages register: classes that can be used, and what is wrong with the others."""
+    """Usable classes of installed packages, and defects of the others."""
 
     tasks: tuple[type[Task], ...] = ()
     broken: tuple[BrokenTask, ...] = ()
@@ -46,7 +46,7 @@ def registered_tasks() -> RegisteredTasks:
 
 @cache
 def every_task() -> tuple[type[Task], ...]:
-    """The tasks of this package, and those of others behind them."""
+    """Tasks of this package, then those of others."""
     return (*own.TASKS, *registered_tasks().tasks)
 
 
@@ -60,7 +60,11 @@ def read_tasks(points: Iterable[EntryPoint]) -> RegisteredTasks:
             task = _checked(point.load(), point.name, taken)
         except (Exception, SystemExit) as error:  # code of others may raise anything, and end the program
             reason = str(error) if isinstance(error, TypeError) else f"{type(error).__name__}: {error}"
-            broken.append(BrokenTask(point.name, _package(point), reason))
+            broken.append(
+                BrokenTask(
+                    point.name, point.dist.name if point.dist is not None else point.value.partition(".")[0], reason
+                )
+            )
             continue
         taken.add(kind_of(task))
         tasks.append(task)
@@ -68,7 +72,6 @@ def read_tasks(points: Iterable[EntryPoint]) -> RegisteredTasks:
 
 
 def kind_of(task: type[Task]) -> str:
-    """The word that names a task in files."""
     (kind,) = get_args(task.model_fields["kind"].annotation)
     return str(kind)
 
@@ -83,12 +86,7 @@ def part_words(within: str, kind: str) -> str:
     return "in space" if within == "all" else f"{within} the {direction_name(kind)}"
 
 
-def _package(point: EntryPoint) -> str:
-    return point.dist.name if point.dist is not None else point.value.partition(".")[0]
-
-
 def _checked(found: object, name: str, taken: set[str]) -> type[Task]:
-    """The class, where it is a task of that kind with all that a task says of itself."""
     if not (isinstance(found, type) and issubclass(found, Task)):
         raise TypeError(f"{found!r} is no subclass of posture_opt.Task")
     if get_args(found.model_fields["kind"].annotation) != (name,):

@@ -9,33 +9,24 @@ from typing import TypeAlias
 
 from posture_opt.interrupts import interruptible
 from posture_opt.numerics import Progress
-from posture_opt.selection.answer.fallbacks import with_fallbacks
 from posture_opt.selection.answer.selector import PostureSelector, task_of
 from posture_opt.selection.answer.solution import Solution
-from posture_opt.selection.problem_data import ProblemData
+from posture_opt.selection.problem_data import ProblemData, with_fallbacks
 
 Answer: TypeAlias = Solution
+# Imported where a task needs them: one target is answered without.
 _FEATURES, _PATHS = "posture_opt.selection.stations.features_selection", "posture_opt.selection.paths.path_selector"
-"""Imported where a task needs them: one target is answered without."""
 
 
 def planned_posture(problem: ProblemData, *, seed: int | None = None, workers: int = 1) -> Solution:
-    """The one posture that represents the answer to a problem: the worst one of a path, or of several features.
-
-    Raises:
-        NoSolutionError, InputError: as `select_posture`.
-    """
+    """The posture that represents an answer: the worst one of a path, or of several features."""
     return select_posture(problem, seed=seed, workers=workers).worst
 
 
 def at_one_feature(
     models: Mapping[str, ProblemData], problem: ProblemData, *, seed: int | None, workers: int
 ) -> Mapping[str, ProblemData]:
-    """The same models with one target: where ``problem`` has features, the one that scatters most, where it puts it.
-
-    Raises:
-        NoSolutionError, InputError: as `select_posture`.
-    """
+    """The models at one target: the feature of ``problem`` that scatters most, where it is placed."""
     if problem.task is None or not problem.task.features:
         return models
     target = planned_posture(problem, seed=seed, workers=workers).target

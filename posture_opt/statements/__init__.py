@@ -1,8 +1,16 @@
 """What a result has to say, as data: statements, quantities, and the catalogue of their sentences."""
 
-from posture_opt.statements.catalogue import SEVERITIES, Entry, Severity, Value, every_entry
 from posture_opt.statements.quantity import Quantity, p_value, p_words
-from posture_opt.statements.statement import Statement, by_severity, state
+from posture_opt.statements.statement import (
+    SEVERITIES,
+    Entry,
+    Severity,
+    Statement,
+    Value,
+    by_severity,
+    every_entry,
+    state,
+)
 
 __all__ = [
     "SEVERITIES",

@@ -12,7 +12,6 @@ from posture_opt.units import ERROR_UNITS, UNKNOWN, fixed, number
 
 CERTAINTY_SHOWN = 0.999
 """Probabilities above this are printed as more than it: what is left out of a model is likelier than the rest."""
-_MICROMETRE_LIMIT_M = 1e-5  # m: below this a length is written in µm
 _SHOWN_UNITS = ("N m",)  # units that are written after a number; ratios and lengths per radian have none
 _MAX_LISTED_LINES = 10  # of a file
 _ROUNDING_M = 1e-12  # m: below this it is rounding
@@ -90,7 +89,7 @@ def share(p: float) -> str:
 def length_unit(metres: Iterable[float]) -> tuple[str, float]:
     """The unit that suits lengths which are listed together, and the factor from m to it."""
     largest = largest_of(metres)
-    return ("µm", 1e6) if _ROUNDING_M < largest < _MICROMETRE_LIMIT_M else ("mm", 1e3)
+    return ("µm", 1e6) if _ROUNDING_M < largest < 1e-5 else ("mm", 1e3)
 
 
 def largest_of(values: Iterable[float]) -> float:

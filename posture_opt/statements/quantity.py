@@ -69,17 +69,12 @@ def p_words(p: float) -> str:
     return f"p {p_value(p)}" if p < LEAST_P else f"p = {p_value(p)}"
 
 
-def _error_angle(radians: float) -> str:
-    """An angle that is an error: in mrad."""
-    return notation.angle_error(radians)
-
-
 STYLES: dict[str, tuple[str, Callable[[float], str]]] = {
     # dimension -> SI unit, how a value without standard error is written
     "length": ("m", notation.length),
     "stated length": ("m", notation.stated_length),
     "coordinate": ("m", lambda metres: f"{fixed(metres * 1e3)} mm"),
-    "angle": ("rad", _error_angle),
+    "angle": ("rad", notation.angle_error),
     "joint angle": ("rad", notation.angle),
     "stated angle": ("rad", notation.stated_angle),
     "share": ("1", notation.percent),

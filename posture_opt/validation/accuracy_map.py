@@ -1,31 +1,165 @@
-"""``map_accuracy``: errors of the arm without its corrections, and how it scatters, over a grid of targets."""
+"""Errors of an arm without its corrections and its scatter over a grid of targets, beside measured rows."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
+from posture_opt.calibration.assumptions.frames import arm_and_data, fit_frames
+from posture_opt.calibration.assumptions.instrument import position_sigma
+from posture_opt.calibration.cross_validation import position_errors
 from posture_opt.calibration.estimation.starting_values import kabsch
+from posture_opt.errors import InputError, Issue
 from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements, nominal_poses
-from posture_opt.numerics import Array, Json, Progress, finite_or_none
+from posture_opt.numerics import Array, Codes, Json, Mask, Progress, finite_or_none, rms
 from posture_opt.result import Result
-from posture_opt.selection.maps.grid_layout import Plane
-from posture_opt.selection.maps.map_points import Grid, MapPoint
+from posture_opt.robot.robot import Robot
+from posture_opt.selection.maps.grid_layout import Grid, Plane
+from posture_opt.selection.maps.map_points import MapPoint
 from posture_opt.selection.maps.target_map import TargetMap, map_targets
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.statements import Quantity, Statement, state
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
-from posture_opt.uncertainty.regions.coverage_radius import central_radii
+from posture_opt.uncertainty.regions.clearance import central_radii
 from posture_opt.uncertainty.regions.regions import coverage_factor
 from posture_opt.uncertainty.spread.spread import ellipse_basis
-from posture_opt.validation.measured_errors import MeasuredErrors, measured_errors
+from posture_opt.validation.coverage import squared_distances
 from posture_opt.workers import Executor
 
-_ALIGNMENT_TOLERANCE = 1e-9
+
+@dataclass(frozen=True, eq=False)
+class MeasuredErrors:
+    """Measured rows compared with what is predicted where they lie."""
+
+    place: Array  # (M, 3) tool point of the rows by the model [m], world
+    cell: Codes  # (M,) the target in whose cell each lies; -1 for none
+    near: Mask  # (M,) whether they lie in a cell that has a prediction
+    # uncorrected, corrected: (M,) distance of the measured from the modelled tool point [m], by the arm without its
+    # corrections and as the file states it
+    uncorrected: Array
+    corrected: Array
+    # (M,) distance that 95 % of all rows should keep in the cell, the instrument's part included [m]; NaN off the map
+    limit: Array
+    inside: Mask  # (M,) whether a row lies in the 95 % region that is predicted for its own posture
+    # whether the rows show all of the error: not where they touch points, or where frames are fitted to them
+    comparable: bool
+    reach: float  # rows count as near the map within this distance of its plane [m]; 0 where all lie in it
+    remarks: tuple[Statement, ...] = ()  # what the rows are, and why they may not be comparable
+
+    @property
+    def statements(self) -> Iterator[Statement]:
+        """How many rows lie within what is predicted, for their own postures and on the map."""
+        rows, near = len(self.cell), int(self.near.sum())
+        if self.comparable:
+            verdict = f"-{self.verdict}" if self.verdict else ""
+            yield state(f"validation.rows-in-region{verdict}", share=Quantity(self.share, "share"), rows=rows)
+            if near:
+                yield state("validation.rows-in-cells", share=Quantity(self.share_near, "share"), rows=near)
+            else:
+                yield state("validation.rows-off-map")
+        yield from self.remarks
+
+    @property
+    def verdict(self) -> str:
+        """``understated`` or ``overstated``: the share in the regions is further from 95 % than chance takes it.
+
+        ``|share − 0.95| > 4 sqrt(0.95 · 0.05 / rows)``: neighbouring postures err alike, so that rows count for fewer
+        than they are. Empty otherwise, and with fewer than 20 rows.
+        """
+        rows = len(self.cell)
+        # 20 rows: fewer say little about a share of 95 %
+        if rows < 20 or abs(self.share - 0.95) <= 4 * math.sqrt(0.95 * 0.05 / rows):
+            return ""
+        return "understated" if self.share < 0.95 else "overstated"
+
+    @property
+    def share_near(self) -> float:
+        """Share of the near rows within the distance predicted for their cell; NaN for none, or if not comparable."""
+        near = self.near
+        known = near.any() and self.comparable
+        return float(np.mean(self.corrected[near] <= self.limit[near])) if known else math.nan
+
+    @property
+    def share(self) -> float:
+        """Share of all rows in the 95 % region that is predicted for their own posture; NaN if not comparable."""
+        return float(np.mean(self.inside)) if self.comparable else math.nan
+
+    def to_json(self) -> dict[str, Json]:
+        return {
+            "rows": len(self.cell),
+            "rows_near": int(self.near.sum()),
+            "near_within": self.reach,
+            "share_within_95_of_cell": finite_or_none(self.share_near),
+            "share_within_95_of_own_posture": finite_or_none(self.share),
+            "rms_uncorrected": rms(self.uncorrected),
+            "rms": rms(self.corrected),
+            "notes": [remark.text for remark in self.remarks],
+        }
+
+
+def measured_errors(
+    problem: ProblemData, uncorrected: ProblemData, data: Measurements, targets: TargetMap,
+    projected: Array, tool_point: ToolPoint,
+) -> MeasuredErrors:  # fmt: skip
+    """The rows of the first target, their errors by both arms, and what is predicted for them.
+
+    projected (N, m, m) predicted covariance at the targets [m²]; NaN where there is no posture.
+    """
+    if data.position is None and not data.touches:
+        message = f"a map predicts positions, and these rows are {data.kind.noun}"
+        raise InputError(Issue(message, ("--data",), hint="name rows with x, y, z", file=data.file))
+    remarks = []
+    if len(data.target_names) > 1:
+        data = data.take(np.flatnonzero(data.target == 0))
+        remarks.append(state("validation.rows-of-first-target", data.target_names[0]))
+    free = [name for name, is_free in (("base", problem.robot.base_free), ("tool", problem.robot.tool_free)) if is_free]
+    if data.touches:
+        remarks.append(state("validation.rows-touch-points"))
+    elif free:
+        remarks.append(state("validation.frames-fitted-to-rows", frames=free))
+    if not len(data):
+        raise InputError(Issue("no row measures the tool point of this problem", ("--data",), hint="name other data"))
+    # Model minus measurement (M, 3) [m], world; frames that the file leaves free are fitted to these rows.
+    arms = [arm_and_data(one, data)[0] for one in (uncorrected, problem)]
+    errors = [position_errors(residuals, fit_frames(residuals)) for residuals in arms]
+    instrument = position_sigma(problem, data)
+    place, _ = nominal_poses(problem.robot, data.q)
+    cell = targets.grid.cells(place)
+    limits = np.full(len(targets.map_points) + 1, np.nan)  # the last one is that of rows off the map
+    used = np.flatnonzero(targets.feasible)
+    limits[used] = central_radii(0.95, projected[used] + instrument**2 * np.eye(projected.shape[1]))
+    inside = _inside_regions(problem.robot, tool_point, data, errors[1], instrument)
+    lengths = [np.linalg.norm(e, axis=1) for e in errors]
+    reach = 0.0 if len(projected[0]) < 3 else targets.grid.sides[2] / 2
+    # 20 times the predicted distance: no spread is that much understated
+    elsewhere = not free and not data.touches and float(np.median(lengths[1])) > 20 * np.nanmedian(limits)
+    remarks += [state("validation.measured-elsewhere")] if elsewhere else []
+    comparable = not data.touches and not free and not elsewhere
+    near = (cell >= 0) & np.isfinite(limits[cell])
+    return MeasuredErrors(
+        place, cell, near, lengths[0], lengths[1], limits[cell], inside, comparable, reach, tuple(remarks)
+    )
+
+
+def _inside_regions(robot: Robot, tool_point: ToolPoint, data: Measurements, errors: Array, instrument: float) -> Mask:
+    """(M,) whether errors (M, 3) lie in the 95 % region predicted for the rows' own postures.
+
+    ``eᵀ (C + s² I)⁻¹ e ≤ χ²_d(0.95)`` in the d measured axes in which a spread is predicted (in the plane alone of an
+    arm that moves in one), C of each row's own posture and s the instrument's σ.
+    """
+    moments = tool_point.moments([np.ascontiguousarray(column) for column in data.q.T])
+    C = np.broadcast_to(moments.covariance, (len(data), 3, 3)) + instrument**2 * np.eye(3)
+    measured = data.kind.axes(data.measured_axes)
+    axes = measured[np.diagonal(C, axis1=1, axis2=2)[:, measured].min(axis=0) > 0]
+    C, e = C[:, axes][:, :, axes], errors[:, axes]
+    return np.asarray(squared_distances(e, C) <= coverage_factor(0.95, len(axes)) ** 2)
+
+
 _UNCOVERED_SHARE = 0.02  # of the rows, on either side, that the map need not cover
 _BOX_STEP_M = 0.01  # m, that its box is rounded to
 
@@ -88,7 +222,12 @@ class AccuracyMap(Result):
 
     def fields_json(self) -> dict[str, Json]:
         """The document ``map.json``: SI units, finite numbers only."""
-        joints = self.targets.optimisation_problem.robot.joint_names
+        joints, entries = self.targets.optimisation_problem.robot.joint_names, list[Json]()
+        for k, point in enumerate(self.targets.map_points):
+            document, values = point.to_json(joints), ("bias", "covariance", "semi_axes95")
+            entry = {key: document[key] for key in ("position", "feasible", "reason", "posture")}
+            entry |= {name: getattr(self, name)[k].tolist() if point.feasible else None for name in values}
+            entries.append({**entry, "radius95": finite_or_none(float(self.radius95[k]))})
         return {
             "name": self.targets.problem.name,
             "task": self.targets.optimisation_problem.task.kind,
@@ -98,25 +237,10 @@ class AccuracyMap(Result):
             "effects": self.effects,
             "own": None if self.own is None else {"bias": self.own[0].tolist(), "radius95": self.own[1]},
             "grid": self.grid.to_json(),
-            "targets": [self._target(k, map_point, joints) for k, map_point in enumerate(self.targets.map_points)],
+            "targets": entries,
             "measured": None if self.measured is None else self.measured.to_json(),
             "seconds": self.targets.seconds,
             "notes": [str(note) for note in self.targets.notes],
-        }
-
-    def _target(self, k: int, map_point: MapPoint, joints: tuple[str, ...]) -> dict[str, Json]:
-        """The entry of one target under ``targets``: bias [m], covariance [m²], the 95 % region and the posture [rad or
-        m].
-        """
-        document = map_point.to_json(joints)
-        kept = {key: document[key] for key in ("position", "feasible", "reason")}
-        return {
-            **kept,
-            "bias": self.bias[k].tolist() if map_point.feasible else None,
-            "covariance": self.covariance[k].tolist() if map_point.feasible else None,
-            "semi_axes95": self.semi_axes95[k].tolist() if map_point.feasible else None,
-            "radius95": finite_or_none(float(self.radius95[k])),
-            "posture": document["posture"],
         }
 
     @property
@@ -192,31 +316,18 @@ def map_accuracy(
         own = at, float(central_radii(0.95, basis @ C @ basis.T)[0])
     measured = None if data is None else measured_errors(problem, uncorrected, data, targets, projected, tool_point)
     known_of_arm = len(problem.corrections), len(problem.arm.effects)
-    settled = _bias_without_shift(targets.grid.points, bias)
+    settled, points = np.full(len(bias), np.nan), targets.grid.points[known]
+    if np.count_nonzero(known) > 2:  # two points determine no motion of the base
+        landed = points + bias[known]
+        R, t = kabsch(landed, points)
+        settled[known] = np.linalg.norm(landed @ R.T + t - points, axis=1)
     return AccuracyMap(
         problem, targets, *known_of_arm, bias, covariance, basis, radius, semi_axes, settled, own, measured
     )
 
 
-def _bias_without_shift(points: Array, bias: Array) -> Array:
-    """(N,) [m] the bias that no shift and turn of the base would take off; NaN where there is no posture.
-
-    A rigid motion of the base is the best fit of landed to wanted points (`kabsch`); two points determine none.
-    """
-    left, known = np.full(len(points), np.nan), np.isfinite(bias[:, 0])
-    if np.count_nonzero(known) > 2:
-        landed = points[known] + bias[known]
-        R, t = kabsch(landed, points[known])
-        left[known] = np.linalg.norm(landed @ R.T + t - points[known], axis=1)
-    return left
-
-
 def _predicted_moments(tool_point: ToolPoint, map_points: Sequence[MapPoint]) -> tuple[Array, Array]:
-    """Bias (N, 3) [m] and covariance (N, 3, 3) [m²]; NaN where there is no posture.
-
-    Args:
-        tool_point: moments of the corrected arm; map_points: N targets with their postures.
-    """
+    """Bias (N, 3) [m] and covariance (N, 3, 3) [m²]; NaN where there is no posture."""
     known, count = np.array([map_point.feasible for map_point in map_points]), len(map_points)
     Q = np.array([map_point.q for map_point in map_points])[known]
     moments = tool_point.moments([np.ascontiguousarray(column) for column in Q.T])
@@ -229,16 +340,12 @@ def _predicted_moments(tool_point: ToolPoint, map_points: Sequence[MapPoint]) ->
 def _box_of(
     problem: ProblemData, data: Measurements
 ) -> tuple[tuple[float, float, float] | None, tuple[float, float, float] | None]:
-    """Corners of a flat box, across the direction, that holds most of the rows; None where the file says more.
-
-    Most means all but `_UNCOVERED_SHARE` on each side, rounded outwards to `_BOX_STEP_M`.
-    """
     task = problem.task
     if task is None or task.region is not None:
         return None, None
     d = np.array(task.direction) / np.linalg.norm(task.direction)
     axis = int(np.argmax(np.abs(d)))
-    if abs(d[axis]) < 1 - _ALIGNMENT_TOLERANCE:
+    if abs(d[axis]) < 1 - 1e-9:
         return None, None
     place, _ = nominal_poses(problem.robot, data.q)
     low, high = np.quantile(place, [_UNCOVERED_SHARE, 1 - _UNCOVERED_SHARE], axis=0)

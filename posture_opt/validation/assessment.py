@@ -23,40 +23,48 @@ from posture_opt.selection.problem_data import ProblemData
 from posture_opt.statements import Quantity, Statement, notation, state
 from posture_opt.uncertainty.regions.regions import Ellipsoid, hotelling_factor
 from posture_opt.units import fixed
-from posture_opt.validation.model_errors import TEST_LEVEL, BlockMean, ModelErrors, measured_parts, model_errors
-from posture_opt.validation.repeat_scatter import prismatic_joints
+from posture_opt.validation.model_errors import (
+    TEST_LEVEL,
+    BlockMean,
+    ModelErrors,
+    Sides,
+    Trend,
+    measured_parts,
+    model_errors,
+    sides_of,
+    trends_of,
+)
+from posture_opt.validation.prediction import prismatic_joints
 from posture_opt.validation.repeatability_tests import ISO_CYCLES, Goals, Repeats, goals_of, repeats_of
-from posture_opt.validation.trends import Sides, Trend, sides_of, trends_of
 
 MIN_INSTRUMENT_RATIO = 10.0  # better than what it judges an instrument should be
 NORMAL_TAIL = 0.0027  # of normal numbers lie beyond three standard deviations
-_REGION_PROBABILITY = 0.95
-_UNDIVIDED_SHARE = 0.6  # of the whole range: a block as long was not cut along it
 _SIGMA_EXAMPLES = {"m": "0.05 mm", "rad": "0.002 deg", "px": "0.2 px"}
 """SI unit of a reading -> a standard deviation as a file may state it."""
-_LENGTH_TOLERANCE_M = 1e-12  # m
 
 
 @dataclass(frozen=True, eq=False)
 class ResidualScatter:
-    """The vector uncertainty of what calibration leaves, ``C = (1/l) Σ Δx Δxᵀ``.
+    """The vector uncertainty of what calibration leaves, ``C = (1/l) Σ Δx Δxᵀ``."""
 
-    Args:
-        ellipse: about zero, in the coordinates that were measured.
-        samples: l, rows.
-        dof: independent ones among them, poses; the 95 % region is ``factor`` standard deviations wide,
-            ``hotelling_factor(0.95, d, dof)``: that of a point that comes from the same scatter as C.
-        inside: share of the rows in that region.
-    """
-
-    ellipse: Ellipsoid
-    samples: int
+    ellipse: Ellipsoid  # about zero, in the coordinates that were measured
+    samples: int  # l, rows
+    # independent ones among them, poses; the 95 % region is ``factor`` standard deviations wide,
+    # ``hotelling_factor(0.95, d, dof)``: that of a point that comes from the same scatter as C
     dof: int
     factor: float
-    inside: float
+    inside: float  # share of the rows in that region
+
+    @classmethod
+    def of(cls, errors: Array, poses: int) -> ResidualScatter | None:
+        """Of errors (l, d) [m] about zero; None with too few poses."""
+        ellipse = Ellipsoid(np.zeros(errors.shape[1]), errors.T @ errors / len(errors))
+        if not 0 < ellipse.rank < poses + 1:
+            return None
+        factor = hotelling_factor(0.95, ellipse.rank, poses)
+        return cls(ellipse, len(errors), poses, factor, float(np.mean(ellipse.mahalanobis(errors) <= factor)))
 
     def to_json(self) -> dict[str, Json]:
-        """Plain numbers [m, m²]."""
         return {
             "covariance": self.ellipse.covariance.tolist(), "samples": self.samples, "dof": self.dof,
             "semi_axes_1sigma": self.ellipse.semi_axes.tolist(), "axes": self.ellipse.axes.T.tolist(),
@@ -101,7 +109,10 @@ class Assessment(Result):
     def statements(self) -> tuple[Statement, ...]:
         """The errors before and after; whether a mean error remains; then what each rule of measuring says."""
         parts = (_mean_statements, _unseen, _input_statements, _scatter_statements, _instrument, _repeat_statements)
-        return (_errors(self), *(statement for part in parts for statement in part(self)))
+        before, after = (Quantity(model.coordinate) for model in (self.nominal, self.calibrated))
+        one = self.calibration.request.data.kind.number_words
+        errors = state("validation.errors", coordinate=one, before=before, after=after)
+        return (errors, *(statement for part in parts for statement in part(self)))
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -189,67 +200,43 @@ def assess(
         (60, True)
     """
     problem, data, calibration = calibrated_parts(problem, data, calibration)
-    kept = calibration.kept_rows
-    axes = calibration.residuals.axes
-    used = data.take(kept)
-    direction = _task_direction(problem) if len(data.kind.axis_names) == 3 else None
-    errors = {
-        "nominal": _measured_minus_model(calibration.errors_nominal[kept]),
-        "calibrated": _measured_minus_model(calibration.errors[kept]),
-    }
-    fitted = {"nominal": errors["nominal"], "calibrated": _measured_minus_model(calibration.errors_fitted[kept])}
-    models = {name: model_errors(used, errors[name], fitted[name], axes, direction) for name in errors}
-    stated = position_sigma(problem, data)
-    residuals = calibration.residuals.take(kept)
-    codes = repeat_groups(used, prismatic_joints(residuals))
-    rotations = _rotation_errors(residuals, calibration.x, used, codes)
-    deviations = {name: e[:, axes] for name, e in errors.items()}
-    oriented = bool(calibration.residuals.data.kind.further)
+    kept, residuals = calibration.kept_rows, calibration.residuals.take(calibration.kept_rows)
+    axes, used, spatial = residuals.axes, data.take(kept), len(data.kind.axis_names) == 3
+    direction = None
+    if spatial and problem.task is not None:
+        direction = np.array(problem.task.direction, dtype=float) / np.linalg.norm(problem.task.direction)
+    every = (calibration.errors_nominal, calibration.errors, calibration.errors_fitted)
+    # Measured minus model; less than 1e-12 m is rounding of a coordinate.
+    nominal, calibrated, fitted = (np.where(np.abs(e[kept]) > 1e-12, -e[kept], 0.0) for e in every)
+    codes, poses = repeat_groups(used, prismatic_joints(residuals)), len(np.unique(used.pose))
+    repeats = None
+    if data.position is not None:
+        deviations = {"nominal": nominal[:, axes], "calibrated": calibrated[:, axes]}
+        rotations = _rotation_errors(residuals, calibration.x, used, codes)
+        repeats = repeats_of(used, codes, fitted[:, axes], deviations, rotations, bool(residuals.data.kind.further))
+    cut = {"x": "m", "y": "m", "z": "m"}
+    if data.position is None:
+        cut = {joint.name: "rad" if joint.type == "revolute" else "m" for joint in problem.robot.joints}
     return Assessment(
         calibration=calibration,
         rows=len(kept),
-        poses=len(np.unique(used.pose)),
+        poses=poses,
         axes=tuple(int(axis) for axis in axes),
         direction=direction,
-        instrument=stated,
-        block_axes=_block_axes(problem, data),
-        nominal=models["nominal"],
-        calibrated=models["calibrated"],
-        residual_scatter=_residual_scatter(errors["calibrated"][:, axes], len(np.unique(used.pose))),
-        repeats=None
-        if data.position is None
-        else repeats_of(used, codes, fitted["calibrated"][:, axes], deviations, rotations, oriented),
-        goals=goals_of(used, errors),
-        trends=trends_of(used, fitted["calibrated"][:, axes]),
-        sides=sides_of(used, fitted["calibrated"], _joint_motions(residuals, calibration.x)),
-        unseen=_why_unseen(problem, axes, direction) if len(data.kind.axis_names) == 3 else "",
+        instrument=position_sigma(problem, data),
+        block_axes=tuple(cut.items()),
+        nominal=model_errors(used, nominal, nominal, axes, direction),
+        calibrated=model_errors(used, calibrated, fitted, axes, direction),
+        residual_scatter=ResidualScatter.of(calibrated[:, axes], poses),
+        repeats=repeats,
+        goals=goals_of(used, {"nominal": nominal, "calibrated": calibrated}),
+        trends=trends_of(used, fitted[:, axes]),
+        sides=sides_of(used, fitted, residuals.reading_shifts(residuals.robot.driven, calibration.x)),
+        unseen=_why_unseen(problem, axes, direction) if spatial else "",
     )
 
 
-def _measured_minus_model(errors: Array) -> Array:
-    """Measured minus model; what is rounding of a coordinate is no error."""
-    return np.where(np.abs(errors) > _LENGTH_TOLERANCE_M, -errors, 0.0)
-
-
-def _task_direction(problem: ProblemData) -> Array | None:
-    """Unit vector (3,) of the task's direction, in the frame of the measurements; None without a task."""
-    if problem.task is None:
-        return None
-    direction = np.asarray(problem.task.direction, dtype=float)
-    return np.asarray(direction / np.linalg.norm(direction))
-
-
-def _block_axes(problem: ProblemData, data: Measurements) -> tuple[tuple[str, str], ...]:
-    """Name and unit of the axes along which blocks are cut: of the workspace, or of the joints where points were
-    touched.
-    """
-    if data.position is not None:
-        return (("x", "m"), ("y", "m"), ("z", "m"))
-    return tuple((joint.name, "rad" if joint.type == "revolute" else "m") for joint in problem.robot.joints)
-
-
 def _why_unseen(problem: ProblemData, axes: Codes, direction: Array | None) -> str:
-    """The end of the id of what is said of errors along and across the task."""
     if direction is None:
         return "no-task-direction"
     if not all(measured_parts(axes, direction)):
@@ -257,21 +244,12 @@ def _why_unseen(problem: ProblemData, axes: Codes, direction: Array | None) -> s
     return "direction-of-measurements" if problem.robot.base_free else ""
 
 
-def _errors(found: Assessment) -> Statement:
-    """RMS error per coordinate before and after calibration."""
-    before, after = (Quantity(model.coordinate) for model in (found.nominal, found.calibrated))
-    one = found.calibration.request.data.kind.number_words
-    return state("validation.errors", coordinate=one, before=before, after=after)
-
-
 def _unseen(found: Assessment) -> Iterator[Statement]:
-    """What is left out of the errors by direction."""
     if found.unseen:
         yield state(f"validation.{found.unseen}")
 
 
 def _mean_statements(found: Assessment) -> Iterator[Statement]:
-    """The first rule: after calibration the mean of the residuals is zero, everywhere."""
     model = found.calibrated
     tests = [*([] if model.mean is None else [model.mean.zero]), *(block.zero for block in model.blocks)]
     if not model.zero:
@@ -285,13 +263,12 @@ def _mean_statements(found: Assessment) -> Iterator[Statement]:
 
 
 def _sides_of(found: Assessment, block: BlockMean) -> list[str]:
-    """The shortest three sides of a block that are shorter than those of the whole."""
     whole = np.ptp([[b.lower, b.upper] for b in found.calibrated.blocks], axis=(0, 1))
     part = (block.upper - block.lower) / np.maximum(whole, 1e-12)
-    shown = sorted(k for k in np.argsort(part)[:3] if part[k] < _UNDIVIDED_SHARE and whole[k] > 0)
     units = {"rad": (math.degrees(1.0), "deg", 0), "m": (1.0, "m", 2)}
     sides = []
-    for k in shown:
+    # 0.6 of the whole range: a block as long was not cut along it
+    for k in sorted(k for k in np.argsort(part)[:3] if part[k] < 0.6 and whole[k] > 0):
         name, (factor, unit, decimals) = found.block_axes[k][0], units[found.block_axes[k][1]]
         low, high = (fixed(factor * float(end[k]), decimals) for end in (block.lower, block.upper))
         sides.append(f"{name} is {low} to {high} {unit}")
@@ -299,7 +276,6 @@ def _sides_of(found: Assessment, block: BlockMean) -> list[str]:
 
 
 def _input_statements(found: Assessment) -> Iterator[Statement]:
-    """What the errors that are left depend on: time, temperature, payload, the side of arrival."""
     trends = [trend for trend in found.trends if trend.found]
     for trend in trends:
         change = notation.shift(trend.change.tolist())
@@ -317,7 +293,6 @@ def _input_statements(found: Assessment) -> Iterator[Statement]:
 
 
 def _scatter_statements(found: Assessment) -> Iterator[Statement]:
-    """The second rule: the second moment of the residuals is their vector uncertainty; and whether they are normal."""
     if found.residual_scatter is None:
         yield state("validation.poses-few-for-region" if found.calibrated.coordinate else "validation.residuals-zero")
     elif not found.calibrated.zero:
@@ -327,7 +302,6 @@ def _scatter_statements(found: Assessment) -> Iterator[Statement]:
 
 
 def _instrument(found: Assessment) -> Iterator[Statement]:
-    """The third rule: an instrument ten times better than what it is used to assess."""
     kind = found.calibration.request.data.kind
     if not found.instrument:
         yield state("validation.instrument-unstated", key=kind.sigma_key, example=_SIGMA_EXAMPLES[kind.unit])
@@ -339,7 +313,6 @@ def _instrument(found: Assessment) -> Iterator[Statement]:
 
 
 def _repeat_statements(found: Assessment) -> Iterator[Statement]:
-    """What is missing of the repeats that ISO 9283 asks for."""
     repeats = found.repeats
     if repeats is None:
         unmeasured = found.calibrated.mean is None
@@ -348,21 +321,6 @@ def _repeat_statements(found: Assessment) -> Iterator[Statement]:
         yield state("validation.repeats-few")
     elif (least := min(pose.nominal.n for pose in repeats.poses)) < ISO_CYCLES:
         yield state("validation.repeats-below-standard", standard=ISO_CYCLES, least=least)
-
-
-def _residual_scatter(errors: Array, poses: int) -> ResidualScatter | None:
-    """The covariance ``(1/l) Σ e eᵀ`` of errors (l, d) [m] about zero, and its 95 % region; None with too few poses."""
-    ellipse = Ellipsoid(np.zeros(errors.shape[1]), errors.T @ errors / len(errors))
-    if not 0 < ellipse.rank < poses + 1:
-        return None
-    factor = hotelling_factor(_REGION_PROBABILITY, ellipse.rank, poses)
-    inside = float(np.mean(ellipse.mahalanobis(errors) <= factor))
-    return ResidualScatter(ellipse, len(errors), poses, factor, inside)
-
-
-def _joint_motions(residuals: Residuals, x: Array) -> list[Array]:
-    """For each joint, the change (N, 3) of what is read by a unit of it [m/rad or m/m]."""
-    return residuals.reading_shifts(residuals.robot.driven, x)
 
 
 def _rotation_errors(residuals: Residuals, x: Array, data: Measurements, codes: Codes) -> Array | None:

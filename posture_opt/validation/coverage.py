@@ -22,37 +22,30 @@ REGION_PROBABILITY = 0.95
 INTERVAL_QUANTILES = (0.025, 0.975)
 RELIABILITY_LEVELS = (*(k / 20 for k in range(1, 20)), 0.99)
 _FACTOR_TOLERANCE = 1.1  # a factor that no decision depends on
-_MIN_TAIL_SHARE = 0.05  # of the rows: less bends a curve that nobody sees
-_MAX_CELLS = 1_000_000  # numbers at a time
 _COVERAGE_DRAWS = 400  # of the bootstrap over poses, and of data as predicted
 
 
 @dataclass(frozen=True, eq=False)
 class Coverage:
-    """Measured errors against the regions predicted for them.
+    """Measured errors against the regions predicted for them."""
 
-    Args:
-        share: of the rows inside the predicted 95 % region; ``interval`` holds it with 95 % confidence, poses being
-            what is drawn at random.
-        expected: 95 % of data sets that are as predicted have a share between these. What stays from repeat to repeat
-            is one draw for all rows of one robot, so that they may be wide.
-        factor: by how much the predicted spread must grow for its region to hold 95 %; ``factor_interval`` holds it
-            with 95 % confidence, whether poses or data as predicted are drawn.
-        probability: (N,) ascending, of the smallest predicted region that holds each row: evenly spread over
-            0 … 1 where the prediction is true.
-        band: (levels, 2) ends between which the share held at each of ``RELIABILITY_LEVELS`` is in 95 % of data as
-            predicted.
-        poses: how many of them; ``dimension`` of the regions.
-    """
-
+    # of the rows inside the predicted 95 % region; ``interval`` holds it with 95 % confidence, poses being what is
+    # drawn at random
     share: float
     interval: tuple[float, float]
+    # 95 % of data sets that are as predicted have a share between these. What stays from repeat to repeat is one draw
+    # for all rows of one robot, so that they may be wide
     expected: tuple[float, float]
+    # by how much the predicted spread must grow for its region to hold 95 %; ``factor_interval`` holds it with 95 %
+    # confidence, whether poses or data as predicted are drawn
     factor: float
     factor_interval: tuple[float, float]
+    # (N,) ascending, of the smallest predicted region that holds each row: evenly spread over 0 … 1 where the
+    # prediction is true
     probability: Array
+    # (levels, 2) ends between which the share held at each of ``RELIABILITY_LEVELS`` is in 95 % of data as predicted
     band: Array
-    poses: int
+    poses: int  # how many of them; ``dimension`` of the regions
     dimension: int
 
     @classmethod
@@ -63,30 +56,23 @@ class Coverage:
         its 95 % quantile over what data simulated as predicted have in the median. Its interval is that of such data,
         or that of a bootstrap over the groups, whichever reaches further.
 
-        Args:
-            errors: (N, d) of rows that the model has not seen [m].
-            predicted: their common part and their own scatter.
-            groups: (N,) codes; a bootstrap draws whole groups.
+        errors (N, d) of rows that the model has not seen [m]; groups (N,) codes; a bootstrap draws whole groups.
         """
         from scipy.special import chdtr
 
         squared, m = squared_distances(errors, predicted.covariance), errors.shape[1]
         groups = np.unique(groups, return_inverse=True)[1]
-        radius = coverage_factor(REGION_PROBABILITY, m)
         reach, held = _as_predicted(predicted)
         shares = held[:, RELIABILITY_LEVELS.index(REGION_PROBABILITY)]
         found, typical = float(np.sqrt(np.quantile(squared, REGION_PROBABILITY))), float(np.median(reach))
-        ends = np.concatenate(
-            [found / np.quantile(reach, INTERVAL_QUANTILES), _bootstrap_radius(squared, groups) / typical]
-        )
-        inside = squared <= radius**2
+        by_chance, drawn = found / np.quantile(reach, INTERVAL_QUANTILES), _bootstrap_radius(squared, groups) / typical
+        ends = np.concatenate([by_chance, drawn])
+        inside = squared <= coverage_factor(REGION_PROBABILITY, m) ** 2
+        low, high = np.quantile(shares, INTERVAL_QUANTILES).tolist()
         return cls(
             share=float(inside.mean()),
             interval=share_interval(inside, groups),
-            expected=(
-                float(np.quantile(shares, INTERVAL_QUANTILES[0])),
-                float(np.quantile(shares, INTERVAL_QUANTILES[1])),
-            ),
+            expected=(low, high),
             factor=found / typical,
             factor_interval=(float(ends.min()), float(ends.max())),
             probability=np.sort(np.asarray(chdtr(m, squared))),
@@ -105,41 +91,28 @@ class Coverage:
 
     @property
     def concentration(self) -> float:
-        """By how much the share in the 50 % region exceeds 0.5, where a region of the right size has another shape.
-
-        0 within three standard errors, ``3 sqrt(0.25 / poses)``, and within 0.05.
-        """
+        """By how much the share in the 50 % region exceeds 0.5, where a region of the right size has another shape."""
         excess = self.held(0.5) - 0.5
-        shown = self.verdict == "right" and abs(excess) >= max(_MIN_TAIL_SHARE, 3 * math.sqrt(0.25 / self.poses))
+        # 0.05 of the rows: less bends a curve that nobody sees
+        shown = self.verdict == "right" and abs(excess) >= max(0.05, 3 * math.sqrt(0.25 / self.poses))
         return excess if shown else 0.0
 
     def held(self, p: float) -> float:
-        """The share of the rows in the predicted region of probability ``p``.
-
-        Equal to ``p`` where the prediction is true.
-        """
+        """The share of the rows in the predicted region of probability ``p``."""
         return float(np.searchsorted(self.probability, p, side="right") / len(self.probability))
 
     def to_json(self) -> dict[str, Json]:
-        """Plain numbers."""
         return {
-            "rows": len(self.probability), "poses": self.poses, "share": self.share,
-            "interval95": list(self.interval), "expected95": list(self.expected), "factor": self.factor,
-            "factor_interval95": list(self.factor_interval), "verdict": self.verdict,
-            "reliability": [[p, self.held(p)] for p in RELIABILITY_LEVELS],
+            "rows": len(self.probability), "poses": self.poses, "share": self.share, "interval95": list(self.interval),
+            "expected95": list(self.expected), "factor": self.factor, "factor_interval95": list(self.factor_interval),
+            "verdict": self.verdict, "reliability": [[p, self.held(p)] for p in RELIABILITY_LEVELS],
         }  # fmt: skip
 
 
 def squared_distances(errors: Array, covariances: Array) -> Array:
     """(N,) squared Mahalanobis distances ``eᵀ C⁻¹ e`` of errors (N, d) with covariances (N, d, d).
 
-    Args:
-        errors: [m]; covariances: positive definite [m²].
-
-    Example:
-        >>> import numpy as np
-        >>> squared_distances(np.array([[3.0, 4.0]]), np.eye(2)[None]).tolist()
-        [25.0]
+    errors: [m]; covariances: positive definite [m²].
     """
     return np.asarray(np.einsum("ni,ni->n", errors, np.linalg.solve(covariances, errors[..., None])[..., 0]))
 
@@ -150,14 +123,7 @@ def share_interval(inside: Mask, groups: Codes) -> tuple[float, float]:
     Clopper and Pearson's (1934) for as many independent rows as would vary as much as the groups do (Korn, Graubard
     1998): ``n_eff = p (1 − p) / v`` with the variance v of the share between groups, n at the most.
 
-    Args:
-        inside: (N,) whether each row counts; groups: (N,) codes from 0 on.
-
-    Example:
-        >>> import numpy as np
-        >>> low, high = share_interval(np.array([True] * 19 + [False]), np.arange(20))
-        >>> print(f"{low:.3f} {high:.3f}")
-        0.744 0.999
+    inside (N,) whether each row counts; groups: (N,) codes from 0 on.
     """
     from scipy.special import betaincinv
 
@@ -176,9 +142,8 @@ def share_interval(inside: Mask, groups: Codes) -> tuple[float, float]:
 def _as_predicted(predicted: Prediction) -> tuple[Array, Array]:
     """Data that are as predicted, drawn many times: one δ for all rows of a draw, a v for each row.
 
-    Returns:
-        The radius (draws,) that holds `REGION_PROBABILITY` of the rows of each draw, and their share (draws, levels)
-        in the region of each of `RELIABILITY_LEVELS`.
+    Returns The radius (draws,) that holds `REGION_PROBABILITY` of the rows of each draw, and their share (draws,
+    levels) in the region of each of `RELIABILITY_LEVELS`.
     """
     rng = np.random.default_rng(0)
     L = np.linalg.cholesky(predicted.covariance)
@@ -187,7 +152,8 @@ def _as_predicted(predicted: Prediction) -> tuple[Array, Array]:
     n, d, k = common.shape
     limits = np.array([coverage_factor(p, d) ** 2 for p in RELIABILITY_LEVELS])
     reach, held = np.empty(_COVERAGE_DRAWS), np.empty((_COVERAGE_DRAWS, len(limits)))
-    step = max(_MAX_CELLS // (n * d), 1)
+    # 1_000_000 numbers at a time
+    step = max(1_000_000 // (n * d), 1)
     for first in range(0, _COVERAGE_DRAWS, step):
         some = slice(first, min(first + step, _COVERAGE_DRAWS))
         many = some.stop - first

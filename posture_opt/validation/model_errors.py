@@ -1,11 +1,9 @@
-"""The deviations of a model from measurements: by direction, and whether they scatter about zero, anywhere.
-
-A mean that is not zero is an error that the model repeats; it can be corrected. What scatters about zero cannot.
-"""
+"""Deviations of a model from measurements: by direction, whether they scatter about zero, and trends over inputs."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,26 +12,16 @@ from posture_opt.numerics import Array, Codes, Json, finite_or_none, rms
 from posture_opt.uncertainty.regions.regions import RANK_TOLERANCE
 
 TEST_LEVEL = 0.05  # of the tests: so often a mean that is zero is called not zero
-_MIN_BLOCK_GROUPS = 8  # groups of rows in a block: with fewer in space, Hotelling's test sees next to nothing
-_MAX_BLOCKS = 16  # blocks: as many as a person takes in
-_DIRECTION_TOLERANCE = 1e-6  # rad: rounding of a direction that was written down
 
 
 @dataclass(frozen=True, eq=False)
 class MeanTest:
-    """Hotelling's test of a mean of zero.
+    """Hotelling's test of a mean of zero."""
 
-    Args:
-        mean: (d,) [m].
-        error: (d,) standard errors of it [m].
-        groups: number of independent vectors.
-        p_value: probability of a mean that far off, were the true one zero; NaN with too few vectors.
-    """
-
-    mean: Array
-    error: Array
-    groups: int
-    p_value: float
+    mean: Array  # (d,) [m]
+    error: Array  # (d,) standard errors of it [m]
+    groups: int  # number of independent vectors
+    p_value: float  # probability of a mean that far off, were the true one zero; NaN with too few vectors
 
     @property
     def zero(self) -> bool:
@@ -41,7 +29,6 @@ class MeanTest:
         return not self.p_value < TEST_LEVEL
 
     def to_json(self) -> dict[str, Json]:
-        """Plain numbers [m]."""
         return {
             "mean": self.mean.tolist(), "std_error": [finite_or_none(v) for v in self.error], "groups": self.groups,
             "p_value": finite_or_none(self.p_value),
@@ -50,10 +37,7 @@ class MeanTest:
 
 @dataclass(frozen=True, eq=False)
 class BlockMean:
-    """The mean in one block, from ``lower`` to ``upper`` (k,) [m, rad]; ``zero`` is family-wise.
-
-    The blocks are those of the workspace, or of the joint values where no position was measured.
-    """
+    """The mean in one block, from ``lower`` to ``upper`` (k,) [m, rad]; ``zero`` is family-wise."""
 
     lower: Array
     upper: Array
@@ -61,7 +45,6 @@ class BlockMean:
     zero: bool
 
     def to_json(self) -> dict[str, Json]:
-        """Plain numbers [m]."""
         box = {"lower": self.lower.tolist(), "upper": self.upper.tolist()}
         return {**box, **self.test.to_json(), "zero": self.zero}
 
@@ -73,12 +56,6 @@ def mean_test(vectors: Array) -> MeanTest:
     distribution F(d, n − d) where the true mean is zero. Directions without any variance are left out of it.
 
     Source: H. Hotelling, Ann. Math. Stat. 2 (1931) 360.
-
-    Example:
-        >>> import numpy as np
-        >>> found = mean_test(np.array([[1.0], [2.0], [3.0]]))
-        >>> float(found.mean[0]), round(found.p_value, 3), found.zero
-        (2.0, 0.074, True)
     """
     n, d = vectors.shape
     mean = vectors.mean(axis=0)
@@ -112,7 +89,16 @@ def block_tests(vectors: Array, places: Array) -> tuple[BlockMean, ...]:
     The blocks cut the ``places`` (n, k) [m, rad] at medians. That a block's mean is zero is given up in the order of
     the p-values (S. Holm, Scand. J. Stat. 6 (1979) 65). Empty where the rows do not fill two blocks.
     """
-    blocks = _cut_blocks(places)
+    # Halves of halves across the longest side: 16 blocks at the most, as many as a person takes in, of 8 groups of rows
+    # at the least: with fewer in space, Hotelling's test sees next to nothing.
+    blocks: list[Codes] = [np.arange(len(places))]
+    while len(blocks) < 16 and len(blocks[0]) >= 2 * 8:
+        halves = []
+        for rows in blocks:
+            longest = np.argmax(np.ptp(places[rows], axis=0))
+            ordered = rows[np.argsort(places[rows, longest], kind="stable")]
+            halves += [ordered[: len(ordered) // 2], ordered[len(ordered) // 2 :]]
+        blocks = halves
     if len(blocks) < 2:
         return ()
     tests = [mean_test(vectors[rows]) for rows in blocks]
@@ -130,10 +116,6 @@ def holm_rejections(p_values: list[float], size: float = TEST_LEVEL) -> list[boo
     kept.
 
     Source: S. Holm, Scand. J. Stat. 6 (1979) 65.
-
-    Example:
-        >>> holm_rejections([0.01, 0.04, 0.03])
-        [True, False, False]
     """
     given_up = [False] * len(p_values)
     for rank, index in enumerate(np.argsort(p_values)):
@@ -143,32 +125,13 @@ def holm_rejections(p_values: list[float], size: float = TEST_LEVEL) -> list[boo
     return given_up
 
 
-def _cut_blocks(places: Array) -> list[Codes]:
-    """Rows of each block: halves of halves across the longest side, of a size that a test can work with."""
-    blocks: list[Codes] = [np.arange(len(places))]
-    while len(blocks) < _MAX_BLOCKS and len(blocks[0]) >= 2 * _MIN_BLOCK_GROUPS:
-        halves = []
-        for rows in blocks:
-            longest = np.argmax(np.ptp(places[rows], axis=0))
-            ordered = rows[np.argsort(places[rows, longest], kind="stable")]
-            halves += [ordered[: len(ordered) // 2], ordered[len(ordered) // 2 :]]
-        blocks = halves
-    return blocks
-
-
 @dataclass(frozen=True)
 class Deviation:
-    """Deviations along one direction, or the lengths of those in a plane or in space [m].
+    """Deviations along one direction, or the lengths of those in a plane or in space [m]."""
 
-    Args:
-        name: ``x``, ``y``, ``z``, ``along`` and ``across`` the task's direction, or ``all``.
-        bias: mean, with its sign along a direction; length of the mean vector otherwise.
-        rms, mean, p95, max: of the sizes.
-    """
-
-    name: str
-    bias: float
-    rms: float
+    name: str  # ``x``, ``y``, ``z``, ``along`` and ``across`` the task's direction, or ``all``
+    bias: float  # mean, with its sign along a direction; length of the mean vector otherwise
+    rms: float  # rms, mean, p95, max: of the sizes
     mean: float
     p95: float
     max: float
@@ -185,22 +148,16 @@ class Deviation:
 
 @dataclass(frozen=True, eq=False)
 class ModelErrors:
-    """Deviations of one model: by direction, and whether they scatter about zero.
+    """Deviations of one model: by direction, and whether they scatter about zero."""
 
-    Args:
-        deviations: cross-validated, one entry a direction.
-        mean: test of the mean over all poses; ``None`` for touched points, whose places are not known otherwise.
-        blocks: tests of the means in blocks of the workspace, for touched points in blocks of the joint values;
-            empty with too few poses.
-        coordinate: RMS of one coordinate [m].
-        beyond3: share of the coordinates beyond three standard deviations of their axis; 0.27 % of normal ones.
-    """
-
-    deviations: tuple[Deviation, ...]
+    deviations: tuple[Deviation, ...]  # cross-validated, one entry a direction
+    # test of the mean over all poses; ``None`` for touched points, whose places are not known otherwise
     mean: MeanTest | None
+    # tests of the means in blocks of the workspace, for touched points in blocks of the joint values; empty with too
+    # few poses
     blocks: tuple[BlockMean, ...]
-    coordinate: float
-    beyond3: float
+    coordinate: float  # RMS of one coordinate [m]
+    beyond3: float  # share of the coordinates beyond three standard deviations of their axis; 0.27 % of normal ones
 
     @property
     def zero(self) -> bool:
@@ -208,7 +165,6 @@ class ModelErrors:
         return (self.mean is None or self.mean.zero) and all(block.zero for block in self.blocks)
 
     def to_json(self) -> dict[str, Json]:
-        """Plain numbers [m]."""
         return {
             "deviations": {d.name: {k: v for k, v in vars(d).items() if k != "name"} for d in self.deviations},
             "mean_test": None if self.mean is None else self.mean.to_json(),
@@ -221,14 +177,8 @@ class ModelErrors:
 def model_errors(data: Measurements, errors: Array, fitted: Array, axes: Codes, direction: Array | None) -> ModelErrors:
     """The deviations of one model from measurements, measured minus model [m].
 
-    Args:
-        errors: (N, 3) of rows that the model has not seen.
-        fitted: (N, 3) of the model fitted to all rows; the means of these are tested.
-        axes: the coordinates that were measured.
-        direction: (3,) unit vector of the task.
-
-    Returns:
-        Deviations by direction; a direction of the task is left out where the measured axes do not span it.
+    errors (N, 3) of rows that the model has not seen; fitted (N, 3) of the model fitted to all rows; the means of these
+    are tested; direction (3,) unit vector of the task.
     """
     parts = [("xyz"[axis], errors[:, [axis]]) for axis in axes]
     if direction is not None:
@@ -248,6 +198,119 @@ def model_errors(data: Measurements, errors: Array, fitted: Array, axes: Codes, 
 def measured_parts(axes: Codes, direction: Array) -> tuple[bool, bool]:
     """Whether the measured axes show deviations along the direction (3,), and across it: a plane has one line."""
     hidden = np.abs(np.delete(direction, axes))
-    return bool(np.all(hidden < _DIRECTION_TOLERANCE)), bool(
-        np.all((hidden < _DIRECTION_TOLERANCE) | (hidden > 1 - _DIRECTION_TOLERANCE))
+    none, all_of_it = hidden < 1e-6, hidden > 1 - 1e-6  # rad: rounding of a direction that was written down
+    return bool(np.all(none)), bool(np.all(none | all_of_it))
+
+
+_UNITS = {"time": (" h", 1 / 3600), "temperature": (" degC", 1.0), "payload": (" kg", 1.0)}
+"""Input -> unit in reports and factor from SI."""
+_MAX_BATCHES = 20  # of neighbouring rows, whose errors are alike: their means are taken for independent
+_MIN_BATCH_ROWS = 3  # rows of a batch
+
+
+@dataclass(frozen=True, eq=False)
+class Trend:
+    """The straight line of errors over an input."""
+
+    name: str  # ``time``, ``row`` where no time was noted, ``temperature`` or ``payload``
+    range: tuple[float, float]  # the smallest and the largest input [s, 1, degC or kg]
+    change: Array  # (d,) of the mean error from the one to the other [m]; ``error`` its standard errors
+    error: Array
+    p_value: float  # of no change; ``found`` whether it is given up, together with the other inputs, at 5 %
+    found: bool = False
+
+    @property
+    def span(self) -> str:
+        """The range with its unit; time in h, up to two hours in min."""
+        if self.name == "row":
+            return "first to last"
+        unit, factor = _UNITS[self.name]
+        if self.name == "time" and self.range[1] - self.range[0] < 2 * 3600.0:  # short times in minutes
+            unit, factor = " min", 1 / 60
+        low, high = (f"{factor * value:.4g}" for value in self.range)
+        return f"{low} to {high}{unit}"
+
+    def to_json(self) -> dict[str, Json]:
+        return {
+            "input": self.name, "range": list(self.range), "change": self.change.tolist(),
+            "std_error": self.error.tolist(), "p_value": self.p_value, "found": self.found,
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Sides:
+    """Mean error along a joint's motion on arrivals with increasing values, minus decreasing ones [m]."""
+
+    joint: str
+    difference: float
+    error: float
+    p_value: float
+    found: bool = False
+
+    def to_json(self) -> dict[str, Json]:
+        return {
+            "joint": self.joint, "difference": self.difference, "std_error": self.error, "p_value": self.p_value,
+            "found": self.found,
+        }  # fmt: skip
+
+
+def trends_of(data: Measurements, errors: Array) -> tuple[Trend, ...]:
+    """The lines of errors (N, d) [m] over every input that changes; fewer rows than lines need have none."""
+    order = ("row", np.arange(len(data), dtype=float)) if data.time is None else ("time", data.time)
+    inputs = (order, ("temperature", data.temperature), ("payload", data.payload))
+    found = [line for name, x in inputs if x is not None and (line := trend_line(name, x, errors)) is not None]
+    given_up = holm_rejections([line.p_value for line in found])
+    return tuple(replace(line, found=up) for line, up in zip(found, given_up, strict=True))
+
+
+def trend_line(name: str, x: Array, errors: Array) -> Trend | None:
+    """The least squares line of errors (N, d) over x (N,), through the means of batches of neighbours.
+
+    With the slope b, its covariance S from ν = batches − 2 degrees of freedom, ``T² = bᵀ S⁻¹ b`` is Hotelling's.
+    """
+    batches = np.array_split(np.argsort(x, kind="stable"), min(_MAX_BATCHES, len(x) // _MIN_BATCH_ROWS) or 1)
+    nu = len(batches) - 2
+    if nu <= errors.shape[1] or not np.ptp(x) > 0:
+        return None
+    at, means = np.array([x[b].mean() for b in batches]), np.array([errors[b].mean(axis=0) for b in batches])
+    off = at - at.mean()
+    if not off @ off > 0:
+        return None
+    slope = off @ means / (off @ off)
+    left = means - means.mean(axis=0) - np.outer(off, slope)
+    S = left.T @ left / nu / (off @ off)
+    extent = float(np.ptp(x))
+    return Trend(
+        name,
+        (float(x.min()), float(x.max())),
+        slope * extent,
+        np.sqrt(np.diag(S)) * extent,
+        hotelling_p_value(slope, S, nu),
     )
+
+
+def sides_of(data: Measurements, errors: Array, motions: list[Array]) -> tuple[Sides, ...]:
+    """The joints that arrived often from both sides, and what that changes in the error along their motion.
+
+    errors (N, 3) [m]; motions: by joint, (N, 3) how it moves the tool point [m/rad or m/m].
+    """
+    from scipy.special import stdtr
+
+    found = []
+    for k, motion in enumerate(motions):
+        lever = np.linalg.norm(motion, axis=1)
+        # 1e-9 of the largest lever: a joint that does not move the tool point
+        moving = lever > 1e-9 * max(lever.max(initial=0.0), 1.0)
+        moves = np.flatnonzero(moving & (data.approach[:, k] != 0))
+        along, side = np.sum(errors * motion, axis=1)[moves] / lever[moves], data.approach[moves, k]
+        # Means of increasing minus decreasing arrivals, in batches of neighbours that have both.
+        rarer = min(int(np.count_nonzero(side < 0)), int(np.count_nonzero(side > 0)))
+        batches = np.array_split(np.arange(len(side)), max(min(_MAX_BATCHES, rarer // _MIN_BATCH_ROWS), 1))
+        both = [rows for rows in batches if np.ptp(side[rows]) > 0] if rarer else []
+        apart = np.array([along[rows][side[rows] > 0].mean() - along[rows][side[rows] < 0].mean() for rows in both])
+        if len(apart) >= 6:  # batches with arrivals from both sides
+            mean, error = float(apart.mean()), float(apart.std(ddof=1) / math.sqrt(len(apart)))
+            p = float(2 * stdtr(len(apart) - 1, -abs(mean) / error)) if error else 1.0  # Student's t
+            found.append(Sides(data.joint_names[k], mean, error, p))
+    given_up = holm_rejections([sides.p_value for sides in found])
+    return tuple(replace(sides, found=up) for sides, up in zip(found, given_up, strict=True))

@@ -17,38 +17,30 @@ from posture_opt.selection.problem_data import ProblemData
 from posture_opt.uncertainty.sources.repeatability import joint_sigmas
 from posture_opt.uncertainty.sources.sources import Sources
 
-_VARIANCE_TOLERANCE = 1e-6  # of a variance
-_MIN_SIGMA_M = 1e-8  # m: no instrument is better, and a region without thickness holds nothing
-
 
 @dataclass(frozen=True)
 class JointScatter:
-    """Standard deviations of the joints' errors from posture to posture, and the part that is scatter.
+    """Standard deviations of the joints' errors from posture to posture, and the part that is scatter."""
 
-    Args:
-        sigma: JOINT.theta or JOINT.d -> standard deviation [rad or m], above 0.
-        staying: the part of it that is the same at every repeat of a posture: the model errs there.
-        of_effects: the part of it that effects of the problem, or effects that were named, say.
-        instrument: standard deviation of a measured coordinate [m] that was taken off before.
-        measured: whether the data say so; else it is what the problem file states.
-        note: a sentence on where it comes from.
-    """
-
+    # JOINT.theta or JOINT.d -> standard deviation [rad or m], above 0
     sigma: Mapping[str, float] = field(default_factory=dict)
-    instrument: float = 0.0
-    measured: bool = False
-    note: str = ""
+    instrument: float = 0.0  # standard deviation of a measured coordinate [m] that was taken off before
+    measured: bool = False  # whether the data say so; else it is what the problem file states
+    note: str = ""  # a sentence on where it comes from
+    # the part of it that effects of the problem, or effects that were named, say
     of_effects: Mapping[str, float] = field(default_factory=dict)
+    # the part of it that is the same at every repeat of a posture: the model errs there
     staying: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def without_effects(self) -> dict[str, float]:
         """The scatter from repeat to repeat without the part of the effects, where something is left."""
-        parts = {
-            name: s**2 - self.of_effects.get(name, 0.0) ** 2 - self.staying.get(name, 0.0) ** 2
-            for name, s in self.sigma.items()
-        }
-        return {name: math.sqrt(v) for name, v in parts.items() if v > _VARIANCE_TOLERANCE * self.sigma[name] ** 2}
+        left = {}
+        for name, s in self.sigma.items():
+            variance = s**2 - self.of_effects.get(name, 0.0) ** 2 - self.staying.get(name, 0.0) ** 2
+            if variance > 1e-6 * s**2:  # less is rounding
+                left[name] = math.sqrt(variance)
+        return left
 
     @property
     def errors(self) -> Sources:
@@ -57,30 +49,26 @@ class JointScatter:
 
 
 def stated_scatter(problem: ProblemData) -> JointScatter:
-    """What the problem states of the joints' scatter, without that of its effects.
-
-    In this order: scatter that the file states; σ's of the joints, taken for scatter; the data sheet's repeatability.
-    """
+    """What the problem states of the joints' scatter, without that of its effects."""
     sources, own = problem.sources, scatter_of_effects(problem.robot, problem.effects)
-    total = dict(zip(sources.names, map(float, np.sqrt(np.diag(sources.scatter))), strict=True))
-    scatter = {name: s for name, s in total.items() if s > 0}
-    if scatter:
-        return JointScatter(
-            JointScatter(scatter, of_effects=own).without_effects,
-            note="scatter of the joints as stated: the data do not determine it",
-        )
-    joints, staying = joint_errors(problem.robot), np.sqrt(np.diag(sources.constant))
-    sigma = {name: float(s) for name, s in zip(sources.names, staying, strict=True) if name in joints and s > 0}
-    if sigma:
-        return JointScatter(
-            sigma, note="the σ's of the joints, as stated, taken for their scatter: the data do not determine it"
-        )
+    open_words = "the data do not determine it"
+
+    def known(covariance: Array) -> dict[str, float]:
+        sigmas = zip(sources.names, np.sqrt(np.diag(covariance)).tolist(), strict=True)
+        return {name: s for name, s in sigmas if s > 0}
+
+    if scatter := known(sources.scatter):
+        left = JointScatter(scatter, of_effects=own).without_effects
+        return JointScatter(left, note=f"scatter of the joints as stated: {open_words}")
+    joints = joint_errors(problem.robot)
+    if sigma := {name: s for name, s in known(sources.constant).items() if name in joints}:
+        return JointScatter(sigma, note=f"the σ's of the joints, as stated, taken for their scatter: {open_words}")
     sheet = problem.robot.repeatability
-    if sheet is not None:
-        found = joint_sigmas(problem.robot, sheet.value)
-        sigma = dict(zip(found.names, map(float, found.sigma), strict=True))
-        return JointScatter(sigma, note="scatter of the joints from the data sheet: the data do not determine it")
-    return JointScatter(note="the data show no scatter of the joints, and none is stated")
+    if sheet is None:
+        return JointScatter(note="the data show no scatter of the joints, and none is stated")
+    found = joint_sigmas(problem.robot, sheet.value)
+    sigma = dict(zip(found.names, map(float, found.sigma), strict=True))
+    return JointScatter(sigma, note=f"scatter of the joints from the data sheet: {open_words}")
 
 
 def scatter_of_effects(robot: Robot, effects: Sequence[object]) -> dict[str, float]:
@@ -100,43 +88,32 @@ def added_in_quadrature(one: Mapping[str, float], other: Mapping[str, float]) ->
 
 
 def scatter_with_effects(problem: ProblemData, name: str, own: float, said: float) -> float:
-    """The σ of a joint from repeat to repeat [rad or m]: what the problem states, with the part of effects replaced.
-
-    Args:
-        own: part of the stated σ that is that of effects of the problem.
-        said: σ of all effects, of the problem and named in the data.
-    """
+    """The σ of a joint from repeat to repeat [rad or m]: what the problem states, with the part of effects replaced."""
     variance = dict(zip(problem.sources.names, np.diag(problem.sources.scatter), strict=True)).get(name, 0.0)
     return math.sqrt(max(float(variance) - own**2, 0.0) + said**2)
 
 
 def joint_errors(robot: Robot) -> tuple[str, ...]:
-    """(n,) the names of the joint values' errors, JOINT.theta or JOINT.d."""
-    return tuple(robot.factors[i].parameter for i in robot.driven)
+    """(n,) the names of the joint values' errors, JOINT.theta or JOINT.d; none of a flange without an arm."""
+    return tuple(name for i in robot.driven if (name := robot.factors[i].parameter))
+
+
+def prismatic_joints(residuals: Residuals) -> Mask:
+    """(n,) which joints are prismatic."""
+    return np.array([joint.type == "prismatic" for joint in residuals.robot.joints])
 
 
 @dataclass(frozen=True, eq=False)
 class ErrorSources:
-    """Errors that stay and errors drawn anew at every repeat, by the parameters of the arm that err.
+    """Errors that stay and errors drawn anew at every repeat, by the parameters of the arm that err."""
 
-    Args:
-        names: (k,) of the parameters of the arm.
-        constant: (k, k) covariance of what stays from repeat to repeat [rad², m²].
-        scatter: (k, k) covariance of what does not.
-    """
-
-    names: tuple[str, ...]
-    constant: Array
-    scatter: Array
+    names: tuple[str, ...]  # (k,) of the parameters of the arm
+    constant: Array  # (k, k) covariance of what stays from repeat to repeat [rad², m²]
+    scatter: Array  # (k, k) covariance of what does not
 
     @classmethod
     def of(cls, residuals: Residuals, sources: Sources) -> ErrorSources:
-        """The sources of a problem that have a variance.
-
-        Args:
-            residuals: for the names of the arm's parameters; sources without variance, or of no parameter, are left
-                out.
-        """
+        """The sources of a problem that have a variance."""
         known = residuals.robot.parameters
         kept = [i for i, name in enumerate(sources.names) if sources.covariance[i, i] > 0 and name in known]
         chosen = np.ix_(kept, kept)
@@ -145,15 +122,10 @@ class ErrorSources:
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """Predicted errors of N rows: ``e_i = A_i δ + v_i``, δ common to all rows and v_i of each repeat its own.
+    """Predicted errors of N rows: ``e_i = A_i δ + v_i``, δ common to all rows and v_i of each repeat its own."""
 
-    Args:
-        common: (N, d, k) A, each column for a δ of variance one [m].
-        scatter: (N, d, d) covariance of v [m²].
-    """
-
-    common: Array
-    scatter: Array
+    common: Array  # (N, d, k) A, each column for a δ of variance one [m]
+    scatter: Array  # (N, d, d) covariance of v [m²]
 
     @property
     def covariance(self) -> Array:
@@ -168,11 +140,11 @@ class Prediction:
 def joint_columns(residuals: Residuals, x: Array) -> Array:
     """(N, d, n) shift of the measured coordinates by a unit of each joint's error [m/rad, m/m].
 
-    Args:
-        x: (k,) deviations from nominal [rad, m].
+    x (k,) deviations from nominal [rad, m].
     """
     d = len(residuals.axes)
-    return residuals.metres(residuals.sensitivities(residuals.robot.driven, x)[:, :d])
+    named = [i for i in residuals.robot.driven if residuals.robot.factors[i].parameter]
+    return residuals.metres(residuals.sensitivities(named, x)[:, :d])
 
 
 def nominal_prediction(
@@ -185,24 +157,26 @@ def nominal_prediction(
 
     ``e_i = (B_i − F_i F_t⁺ B_t) δ + v_i − F_i F_t⁺ v_t``.
 
-    A base that is free swallows an error of the first joint: without this, a spread that cannot be seen would be
-    predicted.
-
-    Args:
-        x: (k,) deviations with the free frames fitted.
-        instrument: σ of a coordinate [m].
-        errors: sources of the problem; folds: rows of each fold; kept: (N,) rows that are no outliers.
+    x (k,) deviations with the free frames fitted; instrument: σ of a coordinate [m]; errors: sources of the problem;
+    folds: rows of each fold; kept: (N,) rows that are no outliers.
     """
-    N, d, block = len(residuals.data), len(residuals.axes), residuals.block
-    B, F = residuals.sensitivities(errors.names, x), _free_columns(residuals, x)
+    N, d, block, free = len(residuals.data), len(residuals.axes), residuals.block, residuals.free
+    B = residuals.sensitivities(errors.names, x)
+    F = residuals.residuals_and_jacobian(x)[1][: residuals.measured, free].reshape(N, block, len(free))
     V = B @ errors.scatter @ np.swapaxes(B, -1, -2)
     V[:, range(block), range(block)] += np.where(np.arange(block) < d, (instrument / residuals.sigma) ** 2, 1.0)
-    root = _full_rank_root(errors.constant)
+    scale, values, vectors = _principal_axes(errors.constant)
+    root = scale[:, None] * vectors[:, values > 1e-12] * np.sqrt(values[values > 1e-12])
     common, scatter = np.zeros((N, d, root.shape[1])), np.zeros((N, d, d))
     for left_out in folds:
         train = kept.copy()
         train[left_out] = False
-        G = _pseudo_inverse(F[train]).reshape(F.shape[2], int(train.sum()), block)
+        # The pseudo-inverse of columns of length one: what the data do not determine, they do not move.
+        rows = int(train.sum())
+        flat = F[train].reshape(rows * block, len(free))
+        length = np.linalg.norm(flat, axis=0)
+        unit = np.divide(1.0, length, out=np.zeros_like(length), where=length > 0)
+        G = (unit[:, None] * np.linalg.pinv(flat * unit, rcond=1e-6)).reshape(len(free), rows, block)
         Fi = F[left_out][:, :d]
         A = B[left_out][:, :d] - Fi @ np.einsum("pnb,nbk->pk", G, B[train])
         fitted = np.einsum("pnb,nbc,qnc->pq", G, V[train], G, optimize=True)
@@ -217,9 +191,8 @@ def calibrated_prediction(
 ) -> Prediction:
     """Errors ``J C Jᵀ + J_q diag(scatter²) J_qᵀ + s² I`` at rows that a calibration has not seen.
 
-    Args:
-        covariance: (k, k) of the parameters, from all rows; from the share ``taught`` of them it is larger.
-        scatter: (n,) standard deviations of the joints from repeat to repeat [rad, m].
+    covariance (k, k) of the parameters, from all rows; from the share ``taught`` of them it is larger; scatter (n,)
+    standard deviations of the joints from repeat to repeat [rad, m].
     """
     common = parameter_columns(residuals, x) @ symmetric_root(covariance / taught)
     return Prediction(common, scatter_covariances(residuals, x, scatter, instrument))
@@ -235,19 +208,12 @@ def parameter_columns(residuals: Residuals, x: Array) -> Array:
 def scatter_covariances(residuals: Residuals, x: Array, scatter: Array, instrument: float) -> Array:
     """(N, d, d) ``J_q diag(scatter²) J_qᵀ + s² I`` [m²] of errors that are drawn anew in each row.
 
-    Args:
-        scatter: (n,) standard deviations of the joints from repeat to repeat [rad, m].
+    scatter (n,) standard deviations of the joints from repeat to repeat [rad, m].
     """
     S = joint_columns(residuals, x) * scatter
-    own = S @ np.swapaxes(S, -1, -2) + max(instrument, _MIN_SIGMA_M) ** 2 * np.eye(S.shape[1])
+    # 1e-8 m: no instrument is better, and a region without thickness holds nothing
+    own = S @ np.swapaxes(S, -1, -2) + max(instrument, 1e-8) ** 2 * np.eye(S.shape[1])
     return _about_points(residuals.data, own)
-
-
-def _full_rank_root(covariance: Array) -> Array:
-    """``R`` (k, r) with ``R Rᵀ`` the covariance, of rank r."""
-    scale, values, vectors = _principal_axes(covariance)
-    kept = values > 1e-12
-    return np.asarray(scale[:, None] * vectors[:, kept] * np.sqrt(values[kept]))
 
 
 def symmetric_root(covariance: Array) -> Array:
@@ -264,24 +230,7 @@ def _principal_axes(covariance: Array) -> tuple[Array, Array, Array]:
     return scale, values, vectors
 
 
-def _free_columns(residuals: Residuals, x: Array) -> Array:
-    """Columns (N, block, f) of free frames and touched points in the Jacobian at x (k,)."""
-    N, free = len(residuals.data), residuals.free
-    return np.asarray(
-        residuals.residuals_and_jacobian(x)[1][: N * residuals.block, free].reshape(N, residuals.block, len(free))
-    )
-
-
-def _pseudo_inverse(F: Array) -> Array:
-    """Of the columns (m, b, p) stacked, each scaled to length one: what the data do not determine, they do not move."""
-    flat = F.reshape(F.shape[0] * F.shape[1], F.shape[2])
-    length = np.linalg.norm(flat, axis=0)
-    scale = np.divide(1.0, length, out=np.zeros_like(length), where=length > 0)
-    return np.asarray(scale[:, None] * np.linalg.pinv(flat * scale, rcond=1e-6))
-
-
 def _about_points(data: Measurements, scatter: Array) -> Array:
-    """Scatter about the mean of n touches of a point is less than about the point: by 1/n of it."""
     if not data.touches:
         return scatter
     share = 1.0 / np.bincount(data.point)[data.point]

@@ -1,42 +1,38 @@
-"""Scatter between repeats of one posture, and what a problem predicts of it."""
+"""Scatter between repeats of one posture, beside its prediction, and whether joint scatter predicts others."""
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.estimation.residuals import Residuals
+from posture_opt.errors import InsufficientDataError
 from posture_opt.measurements.measurements import outlying_groups, rows_of
 from posture_opt.measurements.repeats import repeat_groups
 from posture_opt.numerics import Array, Codes, Json, Mask
+from posture_opt.validation.joint_variances import JointVariances, fit_joint_variances
 from posture_opt.validation.model_errors import holm_rejections
-from posture_opt.validation.prediction import ErrorSources, joint_columns, joint_errors
-from posture_opt.validation.scatter_model import Scatter
+from posture_opt.validation.prediction import ErrorSources, joint_columns, joint_errors, prismatic_joints
+from posture_opt.validation.residual_scatter import unseen_errors
+from posture_opt.validation.scatter_model import Scatter, joint_covariances
 
 COPY_TOLERANCE_M = 1e-9  # m: repeats that agree to less are one row written twice
-_MIN_FREEDOM_PER_AXIS = 2  # freedom per dimension: with less the likelihood ratio is not χ² even with Bartlett's factor
 
 
 @dataclass(frozen=True, eq=False)
 class RepeatScatter:
-    """Scatter between repeats, and what the problem predicts of it.
+    """Scatter between repeats, and what the problem predicts of it."""
 
-    Args:
-        scatter: of the postures commanded more than once.
-        covariances: (G, d, d) predicted there [m²], and their ``test``; ``None`` where the problem says nothing of it.
-        by: ``visit`` or ``joints``, see `repeat_errors`.
-        stated_sigma: (n,) of each joint from repeat to repeat, as stated [rad, m].
-        outlying: lines of postures that were left out.
-    """
-
-    scatter: Scatter
+    scatter: Scatter  # of the postures commanded more than once
+    # (G, d, d) predicted there [m²], and their ``test``; ``None`` where the problem says nothing of it
     covariances: Array | None
     test: ScatterTest | None
-    by: str
-    stated_sigma: Array
-    outlying: tuple[int, ...]
+    by: str  # ``visit`` or ``joints``, see `repeat_errors`
+    stated_sigma: Array  # (n,) of each joint from repeat to repeat, as stated [rad, m]
+    outlying: tuple[int, ...]  # lines of postures that were left out
 
     @property
     def sigma(self) -> float:
@@ -47,15 +43,7 @@ class RepeatScatter:
 
     @classmethod
     def of(cls, used: Residuals, calibration: Calibration, errors: ErrorSources) -> RepeatScatter:
-        """Of the rows that a calibration kept.
-
-        Postures whose repeats agree to `COPY_TOLERANCE_M` are copies of one row and do not count; postures whose
-        scatter is far from that of all others are left out and listed.
-
-        Args:
-            used: the arm against the rows that count.
-            errors: sources of the problem, split in what stays and what scatters.
-        """
+        """Of the rows that a calibration kept."""
         data = used.data
         between, by = repeat_errors(errors, used)
         driven = joint_errors(used.robot)
@@ -85,9 +73,8 @@ class RepeatScatter:
 def repeat_errors(errors: ErrorSources, residuals: Residuals) -> tuple[Array, str]:
     """The covariance of what changes between repeats; where the problem says nothing of it, σ's of joint values.
 
-    Returns:
-        (k, k) covariance [rad², m²], and ``visit`` if the problem states scatter, ``joints`` if σ's of joints replace
-            it.
+    Returns (k, k) covariance [rad², m²], and ``visit`` if the problem states scatter, ``joints`` if σ's of joints
+    replace it.
     """
     if errors.scatter.any():
         return errors.scatter, "visit"
@@ -95,56 +82,37 @@ def repeat_errors(errors: ErrorSources, residuals: Residuals) -> tuple[Array, st
     return np.where(np.outer(driven, driven), errors.constant, 0.0), "joints"
 
 
-def prismatic_joints(residuals: Residuals) -> Mask:
-    """(n,) which joints are prismatic."""
-    return np.array([joint.type == "prismatic" for joint in residuals.robot.joints])
-
-
 @dataclass(frozen=True)
 class PoseScatter:
-    """The scatter about the mean at one posture.
+    """The scatter about the mean at one posture."""
 
-    Args:
-        line: of the first repeat; ``n`` repeats.
-        measured, predicted: standard deviation of a coordinate, root of the mean over the axes [m].
-        factor: measured over predicted, in the metric of the prediction.
-        p_size, p_shape: probabilities of scatter so different in size, or in shape too (NaN with too few repeats), were
-            the prediction true; ``true`` whether nothing speaks against it, all postures tested together.
-    """
-
-    line: int
+    line: int  # of the first repeat; ``n`` repeats
     n: int
-    measured: float
+    measured: float  # measured, predicted: standard deviation of a coordinate, root of the mean over the axes [m]
     predicted: float
-    factor: float
+    factor: float  # measured over predicted, in the metric of the prediction
+    # p_size, p_shape: probabilities of scatter so different in size, or in shape too (NaN with too few repeats), were
+    # the prediction true; ``true`` whether nothing speaks against it, all postures tested together
     p_size: float
     p_shape: float
     true: bool
 
     def to_json(self) -> dict[str, Json]:
-        """Plain numbers [m]."""
         shape = None if np.isnan(self.p_shape) else self.p_shape
         return {**vars(self), "p_shape": shape}
 
 
 @dataclass(frozen=True, eq=False)
 class ScatterTest:
-    """Scatter between repeats against its prediction.
+    """Scatter between repeats against its prediction."""
 
-    Args:
-        rows, groups: rows that repeat a posture, and how many postures.
-        factor: measured over predicted standard deviation, pooled; ``interval`` holds it with 95 %.
-        p_size, p_shape: as of a posture, over all of them.
-        poses: those with most repeats first.
-    """
-
-    rows: int
+    rows: int  # rows, groups: rows that repeat a posture, and how many postures
     groups: int
-    factor: float
+    factor: float  # measured over predicted standard deviation, pooled; ``interval`` holds it with 95 %
     interval: tuple[float, float]
-    p_size: float
+    p_size: float  # p_size, p_shape: as of a posture, over all of them
     p_shape: float
-    poses: tuple[PoseScatter, ...]
+    poses: tuple[PoseScatter, ...]  # those with most repeats first
 
     @property
     def verdict(self) -> str:
@@ -153,7 +121,6 @@ class ScatterTest:
         return "right" if low <= 1 <= high else "understated" if self.factor > 1 else "overstated"
 
     def to_json(self) -> dict[str, Json]:
-        """Plain numbers [m]."""
         return {
             "visits": self.rows, "postures": self.groups, "factor": self.factor,
             "factor_interval95": list(self.interval), "p_size": self.p_size,
@@ -165,21 +132,23 @@ class ScatterTest:
 def scatter_test(scatter: Scatter, covariances: Array, lines: Codes) -> ScatterTest:
     """Sums of squares A_g with ν_g degrees of freedom against predicted covariances C_g (G, d, d) [m²].
 
-    Size: ``tr(C_g⁻¹ A_g) ~ χ²(ν_g d)``, exactly, so that the pooled ``f² = Σ tr(C⁻¹ A) / Σ ν d`` has the interval
-    ``Σ tr / χ²``. Size and shape: ``ν (tr(C⁻¹S) − ln |C⁻¹S| − d) ~ χ²(d (d + 1) / 2)`` for ``S = A / ν``, with
-    Bartlett's factor ``1 − (2d² + 3d − 1) / (6 ν (d + 1))`` (Anderson 2003, 10.8), where ν is 2 d or more.
-    Postures are judged together by Holm's (1979) rule.
+    Size: ``tr(C_g⁻¹ A_g) ~ χ²(ν_g d)``, exactly, so that the pooled ``f² = Σ tr(C⁻¹ A) / Σ ν d`` has the interval ``Σ
+    tr / χ²``. Size and shape: ``ν (tr(C⁻¹S) − ln |C⁻¹S| − d) ~ χ²(d (d + 1) / 2)`` for ``S = A / ν``, with Bartlett's
+    factor ``1 − (2d² + 3d − 1) / (6 ν (d + 1))`` (Anderson 2003, 10.8), where ν is 2 d or more. Postures are judged
+    together by Holm's (1979) rule.
 
-    Args:
-        lines: (G,) the line of each posture's first repeat.
-        scatter: sums of squares and degrees of freedom of G postures; covariances: predicted (G, d, d) [m²].
+    lines (G,) the line of each posture's first repeat; scatter: sums of squares and degrees of freedom of G postures;
+    covariances: predicted (G, d, d) [m²].
     """
     from scipy.special import chdtrc, chdtri
 
     nu, d = scatter.freedom, scatter.squares.shape[1]
     whitened = np.linalg.solve(covariances, scatter.squares)
     size = np.trace(whitened, axis1=-2, axis2=-1)
-    shape, used = _likelihood_ratios(np.asarray(whitened), nu, d)
+    used = nu >= 2 * d  # with less freedom the likelihood ratio is not χ² even with Bartlett's factor
+    safe = np.where(used[:, None, None], whitened / nu[:, None, None], np.eye(d))
+    ratio = nu * (np.trace(safe, axis1=-2, axis2=-1) - np.linalg.slogdet(safe)[1] - d)
+    shape = np.maximum(ratio * (1 - (2 * d * d + 3 * d - 1) / (6 * nu * (d + 1))), 0.0)
     p_size, p_shape = _two_sided(size, nu * d), np.where(used, chdtrc(d * (d + 1) / 2, shape), np.nan)
     least = np.where(used, 2 * np.fmin(p_size, p_shape), p_size)  # two tests where there are two
     false = holm_rejections(list(least))
@@ -208,18 +177,6 @@ def scatter_test(scatter: Scatter, covariances: Array, lines: Codes) -> ScatterT
     )
 
 
-def _likelihood_ratios(whitened: Array, nu: Array, d: int) -> tuple[Array, Mask]:
-    """Statistics (G,) of the test of size and shape with Bartlett's factor, and where it holds (G,).
-
-    Args:
-        whitened: (G, d, d) ``C⁻¹ A``; nu: (G,) degrees of freedom.
-    """
-    used = nu >= _MIN_FREEDOM_PER_AXIS * d
-    safe = np.where(used[:, None, None], whitened / nu[:, None, None], np.eye(d))
-    ratio = nu * (np.trace(safe, axis1=-2, axis2=-1) - np.linalg.slogdet(safe)[1] - d)
-    return np.maximum(ratio * (1 - (2 * d * d + 3 * d - 1) / (6 * nu * (d + 1))), 0.0), used
-
-
 def _two_sided(value: Array | float, freedom: Array | float) -> Array:
     """Twice the smaller tail of χ².
 
@@ -228,3 +185,110 @@ def _two_sided(value: Array | float, freedom: Array | float) -> Array:
     from scipy.special import chdtr, chdtrc
 
     return np.asarray(np.minimum(2 * np.minimum(chdtr(freedom, value), chdtrc(freedom, value)), 1.0))
+
+
+@dataclass(frozen=True)
+class ScatterPrediction:
+    """How likely one model makes what was left out, against the round one: per measured row, natural logarithm."""
+
+    # ``joints`` (one σ for each), ``one_sigma`` (the same for all joints), ``round`` (one σ for all directions at all
+    # postures), ``stated`` (what the problem file says; nothing estimated)
+    model: str
+    log_likelihood: float  # mean per row
+    gain: float  # mean difference to ``round``, with its standard error over postures
+    gain_std: float
+
+    @property
+    def better(self) -> bool | None:
+        """Whether it predicts better than the round model; ``None`` within two standard errors."""
+        return None if abs(self.gain) <= 2 * self.gain_std else self.gain > 0
+
+    def to_json(self) -> dict[str, Json]:
+        return dict(vars(self))
+
+
+def predict_scatter(
+    scatter: Scatter, names: tuple[str, ...], groups: Codes, stated: Array | None, instrument: float
+) -> tuple[ScatterPrediction, ...]:
+    """Models of the scatter fitted at four fifths of the postures, and how they predict the last fifth.
+
+    groups (G,) cases of one code are left out together; stated (G, d, d) covariances that the problem file states [m²],
+    if it does; instrument: where the search for the instrument's σ starts [m].
+    """
+    codes = np.random.default_rng(0).permutation(np.unique(groups))
+    if len(codes) < 2:
+        return ()
+    found: dict[str, Array] = {}
+    for part in np.array_split(codes, min(5, len(codes))):
+        own = np.isin(groups, part)
+        train, test = scatter.take(np.flatnonzero(~own)), scatter.take(np.flatnonzero(own))
+        models = _scatter_models(train, test, names, instrument)
+        if stated is not None:
+            models["stated"] = stated[own]
+        for name, covariance in models.items():
+            found.setdefault(name, np.full(len(groups), np.nan))[own] = test.log_likelihoods(covariance)
+    known = {name: values for name, values in found.items() if not np.isnan(values).any()}
+    return tuple(_held_out(name, v, found["round"], scatter.freedom, groups) for name, v in known.items())
+
+
+def _scatter_models(train: Scatter, test: Scatter, names: tuple[str, ...], instrument: float) -> dict[str, Array]:
+    """Covariances (G, d, d) [m²] of the cases in ``test`` by each model that ``train`` can teach."""
+    d = test.squares.shape[1]
+    variance = float(np.trace(train.squares, axis1=-2, axis2=-1).sum()) / float(train.freedom.sum() * d)
+    models = {"round": np.broadcast_to(variance * np.eye(d), test.squares.shape)}
+    for name, equal in (("joints", False), ("one_sigma", True)):
+        with suppress(InsufficientDataError):
+            noise = fit_joint_variances(train, names, instrument, True, equal, intervals=False)
+            models[name] = noise.covariance(test.columns) + test.known
+    return models
+
+
+def _held_out(name: str, values: Array, rival: Array, freedom: Array, groups: Codes) -> ScatterPrediction:
+    """The mean log-likelihood per row of one model, and its difference to that of the rival with its standard error.
+
+    values, rival (G,) log-likelihoods of the cases left out; freedom: (G,) rows less one of each; groups (G,) codes,
+    over which the standard error is taken.
+    """
+    rows = float(freedom.sum())
+    codes = np.unique(groups, return_inverse=True)[1]
+    gain, many = (values - rival).sum() / rows, int(codes.max()) + 1
+    off = np.bincount(codes, values - rival) - gain * np.bincount(codes, freedom)
+    std = np.sqrt(np.sum(off**2) * many / max(many - 1, 1)) / rows
+    return ScatterPrediction(name, float(values.sum() / rows), float(gain), float(std))
+
+
+def observed_variances(
+    between: RepeatScatter, used: Residuals, calibration: Calibration, groups: Codes
+) -> tuple[JointVariances | None, tuple[ScatterPrediction, ...]]:
+    """σ of joints and instrument from repeats where there are any, else from what the calibration leaves."""
+    names = joint_errors(used.robot)
+    if not names:
+        return None, ()
+    if len(between.scatter.freedom):
+        scatter, codes, stated = between.scatter, np.arange(len(between.scatter.freedom)), between.covariances
+    else:
+        left, known, _ = unseen_errors(calibration)
+        scatter, codes = Scatter.of(left, joint_columns(used, calibration.x), known=known), groups
+        stated = None
+        if between.stated_sigma.any():
+            stated = joint_covariances(scatter.columns, between.stated_sigma, used.sigma) + known
+    if not scatter.squares.max(initial=0.0) > COPY_TOLERANCE_M**2:
+        return None, ()
+    coordinates = float(scatter.freedom.sum()) * scatter.squares.shape[1]
+    # 4 coordinates of scatter for each σ: with fewer, one for all joints is asked for
+    equal = coordinates < 4 * (len(names) + 1)
+    try:
+        noise = fit_joint_variances(scatter, names, used.sigma, True, equal)
+    except InsufficientDataError:
+        return None, ()
+    return noise, predict_scatter(scatter, names, codes, stated, used.sigma)
+
+
+def worth_showing(residuals: Residuals, x: Array, noise: JointVariances | None) -> Mask:
+    """(n,) whether the data could show a joint's scatter: it moves the point, and its σ is determined."""
+    lever = np.sqrt(np.mean(np.sum(joint_columns(residuals, x) ** 2, axis=1), axis=0))
+    # 0.01 of the longest lever
+    if not lever.size:
+        return np.zeros(0, dtype=bool)
+    moving = lever > 0.01 * np.where(prismatic_joints(residuals), 0.0, lever.max())
+    return np.asarray(moving & (noise.determined if noise is not None else True))

@@ -4,41 +4,79 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from posture_opt.calibration.assumptions.instrument import position_sigma
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.estimation.residuals import Residuals
+from posture_opt.measurements.repeats import MIN_FREEDOM, Contrasts
 from posture_opt.model.effects import NoiseEffect
 from posture_opt.numerics import Array, Codes, rms
 from posture_opt.selection.problem_data import ProblemData
-from posture_opt.validation.joint_variances import JointVariances
-from posture_opt.validation.likeliest_variances import likeliest_variances
+from posture_opt.uncertainty.sources.repeatability import joint_sigmas
+from posture_opt.validation.joint_variances import JointVariances, likeliest_variances
 from posture_opt.validation.prediction import (
     JointScatter,
     added_in_quadrature,
     calibrated_prediction,
     joint_columns,
     joint_errors,
+    prismatic_joints,
     scatter_of_effects,
     scatter_with_effects,
     stated_scatter,
     symmetric_root,
 )
-from posture_opt.validation.scatter_limit import ScatterLimit, scatter_limit
 
-_TRAINING_SHARE = 0.8  # of the rows taught the arm that predicts a row: five folds
-_NEGLIGIBLE_SHARE = 0.3  # of the instrument's standard deviation
-_MAX_RELATIVE_ERROR = 0.5  # of a standard deviation: with a larger standard error the data do not determine it
+
+@dataclass(frozen=True)
+class ScatterLimit:
+    """The most that the joints' errors scatter from repeat to repeat."""
+
+    sigma: Mapping[str, float]  # JOINT.theta or JOINT.d -> standard deviation [rad or m]
+    source: str  # a clause on where it is from
+    shown: bool = False  # whether repeats show so much, and not only allow it
+
+
+def scatter_limit(
+    problem: ProblemData, calibration: Calibration, fixed: Mapping[str, float], fitted: Array | None = None
+) -> ScatterLimit | None:
+    """The limit by repeats where there are enough, else by the file's scatter or the data sheet (ISO 9283).
+
+    fixed: σ of joints that is known already. fitted: (m, d) errors of the kept rows by the arm fitted to all of them
+    [m]; the calibration's by default.
+    """
+    kept = calibration.residuals.take(calibration.kept_rows)
+    contrasts, names = Contrasts.of(kept.data, prismatic_joints(kept)), joint_errors(problem.robot)
+    errors = kept.error(calibration.x)[:, kept.axes] if fitted is None else fitted
+    # Contrasts have the variance of several readings: scaled to that of one.
+    scale = 1 / np.sqrt(contrasts.reading)
+    e = contrasts.differences(errors) * scale[:, None]
+    stated, sought = position_sigma(problem, kept.data), [name for name in names if name not in fixed]
+    if len(contrasts) * len(kept.axes) >= MIN_FREEDOM and rms(e) > 0 and sought:
+        columns = contrasts.means(joint_columns(kept, calibration.x)) * scale[:, None, None]
+        loud = columns * np.array([fixed.get(name, 0.0) for name in names])
+        own, known = columns[:, :, [name in sought for name in names]], loud @ np.swapaxes(loud, -1, -2)
+        noise = likeliest_variances(e, known, own, tuple(sought), stated or rms(e), fit=not stated)
+        if noise is not None:
+            sigma = dict(zip(noise.names, map(float, noise.sigma), strict=True))
+            return ScatterLimit(sigma | dict(fixed), f"as {len(contrasts)} differences between repeats show it", True)
+    sources, sheet = problem.sources, problem.robot.repeatability
+    total = dict(zip(sources.names, map(float, np.sqrt(np.diag(sources.scatter))), strict=True))
+    said = {name: s for name, s in total.items() if s > 0}
+    if said:
+        return ScatterLimit(said, "as the file states it")
+    if sheet is None:
+        return None
+    found = joint_sigmas(problem.robot, sheet.value)
+    sigma = dict(zip(found.names, map(float, found.sigma), strict=True))
+    return ScatterLimit(sigma, "as the data sheet allows")
 
 
 def residual_scatter(
-    problem: ProblemData,
-    calibration: Calibration,
-    named: Sequence[NoiseEffect] = (),
-    fitted: Array | None = None,
+    problem: ProblemData, calibration: Calibration, named: Sequence[NoiseEffect] = (), fitted: Array | None = None
 ) -> JointScatter:
     """The joints' scatter that explains best what a calibration and the instrument leave unexplained.
 
@@ -48,46 +86,34 @@ def residual_scatter(
     1978). What of it exceeds the limit that repeats show, else the file or the data sheet states, is no scatter: the
     model errs by that much, alike at every repeat (``staying``). Where nothing shows a limit, all of it is an upper
     bound.
-
-    Where the data cannot distinguish the scatter from none, and do not speak against it, the problem's own is returned:
-    its repeatability, the σ's of its joints, or what the robot's data sheet says.
-
-    The noise of a joint that effects of the problem speak of, or the effects ``named`` in these data, is known: it is
-    that of the effects and what the problem states in addition, and is not sought again.
-
-    Args:
-        fitted: as of `scatter_limit`.
     """
     own, stated = scatter_of_effects(problem.robot, problem.effects), stated_scatter(problem)
     said = scatter_of_effects(problem.robot, [*problem.effects, *named])
     stated = _with_effects(stated, said)
     fixed = {name: scatter_with_effects(problem, name, own.get(name, 0.0), s) for name, s in said.items()}
     if set(joint_errors(problem.robot)) <= set(fixed):
-        note, instrument = "effects say all scatter of the joints", position_sigma(problem, calibration.residuals.data)
+        note, instrument = "no scatter of joints is left to find", position_sigma(problem, calibration.residuals.data)
         sigma = {name: s for name, s in fixed.items() if s > 0}
         return _with_effects(JointScatter(sigma, instrument, True, note), said, added=False)
-    found = _from_data(problem, calibration, fixed)
-    if found is None:
+    noise, given = _from_data(problem, calibration, fixed)
+    if noise is None:
         return stated
-    noise, given = found
-    if stated.sigma and _is_compatible(noise, stated.sigma):
+    upper = dict(zip(noise.names, noise.interval[:, 1], strict=True))
+    compatible = all(sigma <= upper.get(name, math.inf) for name, sigma in stated.sigma.items())
+    if stated.sigma and compatible and not noise.interval[:, 0].any():
         return stated
     sigma = {name: float(s) for name, s in zip(noise.names, noise.sigma, strict=True) if s > 0} | fixed
     if not sigma:
         return JointScatter({}, noise.instrument, True, "no scatter of the joints is seen behind the instrument's")
-    source = (
-        "the instrument as stated" if given else f"the instrument, {noise.instrument * 1e3:.3g} mm, from the data too"
-    )
+    source = "the instrument as stated"
+    if not given:
+        source = f"the instrument, {noise.instrument * 1e3:.3g} mm, from the data too"
     limit = scatter_limit(problem, calibration, fixed, fitted)
     total = JointScatter(sigma, noise.instrument, True, f"what the calibration leaves of the errors ({source})")
     return _with_effects(_split_scatter(total, fixed, limit), said, added=False)
 
 
 def _split_scatter(total: JointScatter, fixed: Mapping[str, float], limit: ScatterLimit | None) -> JointScatter:
-    """What the calibration leaves, split in scatter and what stays at a posture.
-
-    That of joints that are ``fixed`` is scatter.
-    """
     if limit is None:
         bound = "an upper bound, as repeats are too few to separate it from errors of the model"
         return replace(total, note=f"scatter of the joints from {total.note}: {bound}")
@@ -102,13 +128,11 @@ def _split_scatter(total: JointScatter, fixed: Mapping[str, float], limit: Scatt
 
 
 def _with_effects(scatter: JointScatter, said: Mapping[str, float], added: bool = True) -> JointScatter:
-    """The scatter with the part that effects say, ``added`` unless it is in it, and the note says so."""
     if not said:
         return scatter
     note = f"{scatter.note}; that of {', '.join(said)} is listed under effects"
-    return replace(
-        scatter, sigma=added_in_quadrature(scatter.sigma, said) if added else scatter.sigma, of_effects=said, note=note
-    )
+    sigma = added_in_quadrature(scatter.sigma, said) if added else scatter.sigma
+    return replace(scatter, sigma=sigma, of_effects=said, note=note)
 
 
 def unseen_errors(calibration: Calibration) -> tuple[Array, Array, Codes]:
@@ -121,35 +145,30 @@ def unseen_errors(calibration: Calibration) -> tuple[Array, Array, Codes]:
     rows = calibration.kept_rows
     kept = residuals.take(rows)
     none = np.zeros(residuals.robot.n)
-    known = calibrated_prediction(kept, calibration.x, calibration.covariance, none, 0.0, _TRAINING_SHARE).covariance
+    # 0.8 of the rows taught the arm that predicts a row: five folds
+    known = calibrated_prediction(kept, calibration.x, calibration.covariance, none, 0.0, 0.8).covariance
     return calibration.errors[np.ix_(rows, kept.axes)], known, rows
 
 
 def _from_data(
     problem: ProblemData, calibration: Calibration, fixed: Mapping[str, float]
-) -> tuple[JointVariances, bool] | None:
-    """The likeliest scatter of the joints whose own is not ``fixed``, and whether the instrument's was given.
-
-    ``None`` where the data do not determine it.
-    """
+) -> tuple[JointVariances | None, bool]:
+    """The likeliest scatter of the joints whose own is not ``fixed``, and whether the instrument's was given."""
     errors, known, rows = unseen_errors(calibration)
     columns, names = joint_columns(calibration.residuals.take(rows), calibration.x), joint_errors(problem.robot)
     still = np.array([name in fixed for name in names])
     loud = columns[:, :, still] * np.array([fixed[name] for name in names if name in fixed])
     known = known + loud @ np.swapaxes(loud, -1, -2)
     columns, names = columns[:, :, ~still], tuple(name for name in names if name not in fixed)
-    stated = position_sigma(problem, calibration.residuals.data)
-    size = rms(errors)
-    if size <= _NEGLIGIBLE_SHARE * stated or not size > 0:
-        return None  # better than their instrument: made up, or the instrument is another one
-    if stated:
-        noise = likeliest_variances(errors, known, columns, names, stated, fit=False)
-        return (noise, True) if noise is not None else None
-    noise = likeliest_variances(errors, known, columns, names, size, fit=True)
-    if noise is None or not noise.sigma.any() or not noise.instrument_std < _MAX_RELATIVE_ERROR * noise.instrument:
+    stated, size = position_sigma(problem, calibration.residuals.data), rms(errors)
+    # Below 0.3 of its σ data are better than their instrument: made up, or the instrument is another one.
+    if size <= 0.3 * stated or not size > 0:
+        return None, bool(stated)
+    noise = likeliest_variances(errors, known, columns, names, stated or size, fit=not stated)
+    if not stated and (noise is None or not noise.sigma.any() or not noise.instrument_std < 0.5 * noise.instrument):
         # The instrument's σ is not stated, and the data do not separate it from the joints: all of it is theirs.
         noise = likeliest_variances(errors, known, columns, names, 0.0, fit=False)
-    return (noise, False) if noise is not None else None
+    return noise, bool(stated)
 
 
 def covariance_under(calibration: Calibration, scatter: JointScatter, without: Codes | None = None) -> Array:
@@ -186,8 +205,8 @@ def covariance_under(calibration: Calibration, scatter: JointScatter, without: C
 def _inverse_without_rows(A: Array, rows: Residuals, x: Array) -> Array:
     """The inverse ``A`` (k, k) of the normal equations without some rows.
 
-    ``A + A Jᵀ (I − J A Jᵀ)⁻¹ J A = S (I − G)⁻¹ Sᵀ`` with ``A = S Sᵀ`` and ``G = Sᵀ JᵀJ S``: as large as the
-    unknowns, whatever the number of rows.
+    ``A + A Jᵀ (I − J A Jᵀ)⁻¹ J A = S (I − G)⁻¹ Sᵀ`` with ``A = S Sᵀ`` and ``G = Sᵀ JᵀJ S``: as large as the unknowns,
+    whatever the number of rows.
     """
     n = len(rows.data) * rows.block
     if not n:
@@ -197,10 +216,3 @@ def _inverse_without_rows(A: Array, rows: Residuals, x: Array) -> Array:
     G = reduced.T @ reduced
     added = np.linalg.solve(np.eye(len(G)) * (1 + 1e-9) - G, G)  # a direction that no other row sees stays finite
     return np.asarray(A + S @ ((added + added.T) / 2) @ S.T)
-
-
-def _is_compatible(noise: JointVariances, stated: Mapping[str, float]) -> bool:
-    """Whether all standard deviations may be zero as well as those that are stated."""
-    nothing = not noise.interval[:, 0].any()
-    upper = dict(zip(noise.names, noise.interval[:, 1], strict=True))
-    return nothing and all(sigma <= upper.get(name, math.inf) for name, sigma in stated.items())

@@ -12,30 +12,19 @@ from posture_opt.numerics import Array, Codes, Mask
 
 @dataclass(frozen=True, eq=False)
 class Scatter:
-    """What a Gaussian likelihood needs to know of errors that scatter about unknown or zero means.
+    """What a Gaussian likelihood needs to know of errors that scatter about unknown or zero means."""
 
-    Args:
-        columns: (G, d, n) ``∂x/∂joint`` at each posture.
-        squares: (G, d, d) sums of squares and products [m²].
-        freedom: (G,) of each: rows less one where the mean is unknown.
-        known: (G, d, d), or zero: a part of the covariance that is known beforehand [m²].
-    """
-
-    columns: Array
-    squares: Array
-    freedom: Array
+    columns: Array  # (G, d, n) ``∂x/∂joint`` at each posture
+    squares: Array  # (G, d, d) sums of squares and products [m²]
+    freedom: Array  # (G,) of each: rows less one where the mean is unknown
+    # (G, d, d), or zero: a part of the covariance that is known beforehand [m²]
     known: Array = field(default_factory=lambda: np.zeros((1, 1, 1)))
 
     @classmethod
     def of(cls, errors: Array, columns: Array, groups: Codes | None = None, known: Array | None = None) -> Scatter:
         """Of errors (N, d) about zero, or about the means of ``groups`` (N,): rows of one posture.
 
-        Within a group of one posture all contrasts have the same covariance, so that their squares are enough.
-        Groups of a single row say nothing about scatter and are left out. ``known`` (N, d, d) goes with errors about
-        zero.
-
-        Args:
-            errors: (N, d) [m]; columns: (N, d, n) shift by a unit of each joint's error [m/rad, m/m].
+        errors (N, d) [m]; columns: (N, d, n) shift by a unit of each joint's error [m/rad, m/m].
         """
         if groups is None:
             own = np.zeros((1, 1, 1)) if known is None else known
@@ -66,8 +55,7 @@ class Scatter:
 def joint_covariances(columns: Array, sigma: Array, instrument: float) -> Array:
     """Covariances ``s² I + J diag(σ²) Jᵀ`` (N, d, d) [m²] of instrument and joints.
 
-    Args:
-        columns: J (N, d, n) [m/rad, m/m]; sigma: (n,) [rad, m]; instrument: s [m].
+    columns: J (N, d, n) [m/rad, m/m]; sigma: (n,) [rad, m]; instrument: s [m].
     """
     scaled = columns * sigma
     return np.asarray(scaled @ np.swapaxes(scaled, -1, -2) + instrument**2 * np.eye(columns.shape[1]))
@@ -86,12 +74,10 @@ def whitened_repeats(e: Array, columns: Array, S: Array, repeats: Codes, own: Ar
     ``L⁻¹ e`` with ``L Lᵀ = own + S Sᵀ`` of all rows of a repeat together, as they share what the arm did; repeats of as
     many rows are solved at once.
 
-    Args:
-        S: (N, d, k) shift of the rows by each of k errors that all rows of a repeat share, each of variance 1.
-        own: (N, d) variance that every row has for itself.
+    S (N, d, k) shift of the rows by each of k errors that all rows of a repeat share, each of variance 1; own (N, d)
+    variance that every row has for itself.
 
-    Returns:
-        Residuals (N, d) and columns (n, N, d), of unit covariance.
+    Returns Residuals (N, d) and columns (n, N, d), of unit covariance.
     """
     d = e.shape[1]
     mixed = np.concatenate([e[:, :, None], np.moveaxis(columns, 0, 2)], axis=2)
@@ -105,13 +91,7 @@ def whitened_repeats(e: Array, columns: Array, S: Array, repeats: Codes, own: Ar
 
 
 def null_sets(e: Array, repeats: Codes | None, count: int, rng: np.random.Generator) -> Array:
-    """(count, N, d) residuals as chance could have them: every repeat turned at random, and repeats change places.
-
-    The rows of a repeat stay together and are turned as one, as they share what the arm did; repeats change places
-    with others of as many rows. ``None``: each row is a repeat of its own.
-
-    The lengths of the residuals stay, so long tails stay long: only their directions and places are random.
-    """
+    """(count, N, d) residuals as chance could have them: every repeat turned at random, and repeats change places."""
     N, d = e.shape
     if repeats is None or len(np.unique(repeats)) == N:
         drawn = rng.standard_normal((count, N, d))
@@ -126,7 +106,6 @@ def null_sets(e: Array, repeats: Codes | None, count: int, rng: np.random.Genera
 
 
 def _by_size(repeats: Codes) -> list[Codes]:
-    """The rows (R, m) of the repeats of m rows, one array for each m."""
     parts = rows_of(repeats)
     sizes = np.array([len(rows) for rows in parts])
     return [np.stack([parts[i] for i in np.flatnonzero(sizes == m)]) for m in np.unique(sizes)]

@@ -11,10 +11,9 @@ import numpy as np
 
 from posture_opt.calibration.calibration import Calibration, calibrated_parts
 from posture_opt.calibration.estimation.error_statistics import folds_of, groups_of
-from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements
-from posture_opt.numerics import Array, Codes, Json, Mask, rms
+from posture_opt.numerics import Array, Codes, Json, Mask, finite_or_none, rms
 from posture_opt.result import Result
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.statements import Quantity, Statement, state
@@ -31,13 +30,15 @@ from posture_opt.validation.prediction import (
     scatter_covariances,
     symmetric_root,
 )
-from posture_opt.validation.repeat_scatter import RepeatScatter, ScatterTest
+from posture_opt.validation.repeat_scatter import (
+    RepeatScatter,
+    ScatterPrediction,
+    ScatterTest,
+    observed_variances,
+    worth_showing,
+)
 from posture_opt.validation.residual_scatter import covariance_under, residual_scatter
-from posture_opt.validation.scatter_prediction import ScatterPrediction, observed_variances, worth_showing
 
-_MIN_DRAW_SHARE = 0.1  # of the rows: as far as one draw of the errors that stay moves the share
-_MAX_SCATTER_RATIO = 2.0  # times the scatter between repeats: larger residuals than that are no scatter
-_MAX_PAIRS = 3
 _WHEN = {"nominal": "before", "calibrated": "after"}
 _SOURCES = {"visit": "the scatter in the file", "joints": "the σ's of joint values in the file"}
 _JOINT_MODELS = {"joints": "one σ for each joint", "one_sigma": "one σ for all joints"}
@@ -164,26 +165,23 @@ def check_spread(
     """
     problem, data, calibration = calibrated_parts(problem, data, calibration)
     folds = calibration.request.folds if folds is None else folds
-    residuals = calibration.residuals
-    rows, axes = calibration.kept_rows, residuals.axes
-    used = residuals.take(rows)
+    residuals, rows = calibration.residuals, calibration.kept_rows
+    used, groups = residuals.take(rows), groups_of(data, calibration.by, folds)
     errors = ErrorSources.of(residuals, problem.sources)
     scatter = residual_scatter(problem, calibration)
-    groups = groups_of(data, calibration.by, folds)
-    coverage = {
-        name: Coverage.of(*parts) for name, parts in held_out_predictions(problem, calibration, folds, scatter).items()
-    }
-    left = calibration.errors[np.ix_(rows, axes)]
+    predictions = held_out_predictions(problem, calibration, folds, scatter)
     between = RepeatScatter.of(used, calibration, errors)
     noise, predicted = observed_variances(between, used, calibration, groups[rows])
+    names = problem.sources.names
+    pairs = np.argwhere(np.triu(problem.sources.constant, 1) != 0)
     return SpreadCheck(
         calibration=calibration,
-        coverage=coverage,
+        coverage={name: Coverage.of(*parts) for name, parts in predictions.items()},
         stated=bool(errors.names),
         repeats=between.test,
         repeats_by=between.by,
         repeat_sigma=between.sigma,
-        residual_rms=rms(left),
+        residual_rms=rms(calibration.errors[np.ix_(rows, residuals.axes)]),
         noise=noise,
         from_repeats=bool(len(between.scatter.freedom)),
         shown=worth_showing(used, calibration.x, noise),
@@ -191,12 +189,11 @@ def check_spread(
         scatter_predictions=predicted,
         outlying=between.outlying,
         instrument=residuals.sigma,
-        correlated=_correlated_pairs(problem),
+        correlated=tuple(f"{names[i]} with {names[j]}" for i, j in pairs),
     )
 
 
 def _coverage_statements(found: SpreadCheck) -> Iterator[Statement]:
-    """What share the predicted region contains, whether the spread is right, and what limits that."""
     name = "nominal" if found.stated else "calibrated"
     c = found.coverage[name]
     low, high, factor = (Quantity(v, "number") for v in (*c.factor_interval, c.factor))
@@ -209,25 +206,25 @@ def _coverage_statements(found: SpreadCheck) -> Iterator[Statement]:
             more, held = ("more" if one.concentration > 0 else "less"), Quantity(one.held(0.5), "share")
             yield state(f"validation.{more}-concentrated", model, model=_WHEN[model], share=held)
     least, most = found.coverage["nominal"].expected
-    if found.stated and most - least > _MIN_DRAW_SHARE:
+    # 0.1 of the rows: as far as one draw of the errors that stay moves the share
+    if found.stated and most - least > 0.1:
         yield state("validation.one-draw", low=Quantity(least, "share"), high=Quantity(most, "share"))
     yield from _unknowable(found)
 
 
 def _unknowable(found: SpreadCheck) -> Iterator[Statement]:
-    """What the problem says of a type of robots, and no single robot can show."""
     if found.correlated:
-        yield state("validation.correlation-of-type", pairs=found.correlated[:_MAX_PAIRS])
+        yield state("validation.correlation-of-type", pairs=found.correlated[:3])
 
 
 def _repeat_statements(found: SpreadCheck) -> Iterator[Statement]:
-    """Scatter between repeats, next to the residuals and to what the file states of scatter."""
     test = found.repeats
     if not found.repeat_sigma:
         yield state("validation.scatter-inseparable")
         return
     repeat, residual = Quantity(found.repeat_sigma), Quantity(found.residual_rms)
-    if found.residual_rms < _MAX_SCATTER_RATIO * found.repeat_sigma:
+    # 2.0 times the scatter between repeats: larger residuals than that are no scatter
+    if found.residual_rms < 2.0 * found.repeat_sigma:
         yield state("validation.mostly-scatter", repeat=repeat, residual=residual)
     else:
         share = Quantity(found.systematic_share, "share")
@@ -245,7 +242,6 @@ def _repeat_statements(found: SpreadCheck) -> Iterator[Statement]:
 
 
 def _joint_statements(found: SpreadCheck) -> Iterator[Statement]:
-    """Where the scatter of the joints was estimated from, and whether it predicts other postures."""
     if found.noise is None:
         return
     yield state("validation.joints-from-repeats" if found.from_repeats else "validation.joints-from-residuals")
@@ -260,26 +256,25 @@ def _joint_statements(found: SpreadCheck) -> Iterator[Statement]:
     yield state(f"validation.joints-predict-{verdict}", model=_JOINT_MODELS[best.model], gain=gain)
 
 
-def _correlated_pairs(problem: ProblemData) -> tuple[str, ...]:
-    """Pairs of parameters whose errors the problem states to be correlated."""
-    names = problem.sources.names
-    pairs = np.argwhere(np.triu(problem.sources.constant, 1) != 0)
-    return tuple(f"{names[i]} with {names[j]}" for i, j in pairs)
-
-
 def held_out_predictions(
     problem: ProblemData, calibration: Calibration, folds: int = 5, scatter: JointScatter | None = None
 ) -> dict[str, tuple[Array, Prediction, Codes]]:
     """Held-out errors (N, d) [m] by model, what is predicted of them, and the groups (N,) that are correlated."""
-    residuals, rows = calibration.residuals, calibration.kept_rows
+    residuals, rows, x = calibration.residuals, calibration.kept_rows, calibration.x
     scatter = scatter or residual_scatter(problem, calibration)
     groups = groups_of(residuals.data, calibration.by, folds)
-    parts = folds_of(groups, folds, calibration.by)
-    kept = np.isin(np.arange(len(residuals.data)), rows)
-    nominal = nominal_prediction(
-        residuals, calibration.x_nominal, ErrorSources.of(residuals, problem.sources), residuals.sigma, parts, kept
-    )
-    calibrated = _by_folds(calibration, scatter, [part[kept[part]] for part in parts])
+    parts, kept = folds_of(groups, folds, calibration.by), calibration.fit.kept
+    sources = ErrorSources.of(residuals, problem.sources)
+    nominal = nominal_prediction(residuals, calibration.x_nominal, sources, residuals.sigma, parts, kept)
+    # The calibrated arm that predicts a row has not seen its fold.
+    J = parameter_columns(residuals, x)
+    taught = 1 - 1 / max(len(parts), 2) if calibration.design > 1 else 1.0
+    common = np.zeros_like(J)
+    for part in (part[kept[part]] for part in parts):
+        common[part] = J[part] @ symmetric_root(covariance_under(calibration, scatter, part) / taught)
+    sigma = np.array([scatter.sigma.get(name, 0.0) for name in joint_errors(residuals.robot)])
+    instrument = scatter.instrument if scatter.measured else residuals.sigma
+    calibrated = Prediction(common, scatter_covariances(residuals, x, sigma, instrument))
     measured = np.ix_(rows, residuals.axes)
     return {
         "nominal": (calibration.errors_nominal[measured], nominal.take(rows), groups[rows]),
@@ -287,50 +282,23 @@ def held_out_predictions(
     }
 
 
-def _by_folds(calibration: Calibration, scatter: JointScatter, parts: list[Codes]) -> Prediction:
-    """What is predicted of each row by an arm that has not seen its fold."""
-    residuals, x = calibration.residuals, calibration.x
-    J = parameter_columns(residuals, x)
-    taught = 1 - 1 / max(len(parts), 2) if calibration.design > 1 else 1.0
-    common = np.zeros_like(J)
-    for part in parts:
-        common[part] = J[part] @ symmetric_root(covariance_under(calibration, scatter, part) / taught)
-    sigma, instrument = _joint_sigmas(scatter, residuals), _instrument_sigma(scatter, residuals)
-    return Prediction(common, scatter_covariances(residuals, x, sigma, instrument))
-
-
-def _joint_sigmas(scatter: JointScatter, residuals: Residuals) -> Array:
-    """σ (n,) of each joint value [rad or m]; 0 where the scatter has none."""
-    return np.array([scatter.sigma.get(name, 0.0) for name in joint_errors(residuals.robot)])
-
-
-def _instrument_sigma(scatter: JointScatter, residuals: Residuals) -> float:
-    """σ of a measured coordinate [m]: as estimated with the scatter, else as stated."""
-    return scatter.instrument if scatter.measured else residuals.sigma
-
-
 def _noise_json(found: SpreadCheck) -> dict[str, Json] | None:
-    """The entry ``noise`` of the document; None where no variances were estimated."""
     noise = found.noise
     if noise is None:
         return None
-    joints = [
+    values = zip(noise.names, *(v.tolist() for v in (noise.sigma, noise.std, noise.interval)), strict=True)
+    shown = zip(values, found.stated_sigma.tolist(), found.shown.tolist(), strict=True)
+    joints: list[Json] = [
         {
-            "name": name, "sigma": float(sigma), "std": float(std) if np.isfinite(std) else None,
-            "interval95": [float(low), float(high) if np.isfinite(high) else None],
-            "stated": float(given) or None, "determined": bool(shown),
+            "name": name, "sigma": sigma, "std": finite_or_none(std), "interval95": [low, finite_or_none(high)],
+            "stated": given or None, "determined": determined,
         }
-        for name, sigma, std, (low, high), given, shown in zip(
-            noise.names, noise.sigma, noise.std, noise.interval, found.stated_sigma, found.shown, strict=True
-        )
+        for (name, sigma, std, (low, high)), given, determined in shown
     ]  # fmt: skip
-    return {
-        "from": "repeats" if found.from_repeats else "calibration",
-        "joints": joints,
-        "instrument": {
-            "sigma": noise.instrument,
-            "std": noise.instrument_std if np.isfinite(noise.instrument_std) else None,
-            "interval95": [e if np.isfinite(e) else None for e in noise.instrument_interval],
-        },
-        "log_likelihood": noise.log_likelihood,
+    instrument: dict[str, Json] = {
+        "sigma": noise.instrument,
+        "std": finite_or_none(noise.instrument_std),
+        "interval95": [finite_or_none(end) for end in noise.instrument_interval],
     }
+    source = "repeats" if found.from_repeats else "calibration"
+    return {"from": source, "joints": joints, "instrument": instrument, "log_likelihood": noise.log_likelihood}

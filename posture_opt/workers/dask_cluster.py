@@ -7,7 +7,6 @@ import socket
 from collections.abc import Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass
 from importlib import import_module
 from itertools import islice
 from tempfile import TemporaryDirectory
@@ -18,52 +17,39 @@ from posture_opt import __version__
 from posture_opt.errors import InputError, Issue
 from posture_opt.workers.workers import MAX_SUBMITTED_PARTS, Part, R, S, T, Workers, worked
 
-LOCAL = "local"
-"""In place of an address: a scheduler and workers of this machine, for as long as they are needed."""
-
+# Time [s] to wait for a scheduler that has taken a connection, for the first worker, and for the end of both.
 _SCHEDULER_TIMEOUT_S = 10
-"""Time [s] to wait for a scheduler that has taken a connection, for the first worker, and for the end of both."""
-_CONNECT_TIMEOUT_S = 3
-"""Time [s] to wait for a connection."""
 _OPTION = ("--scheduler",)
-"""The key of messages: the option of the command line."""
-
-
-DaskObject = Any
-"""A client, a cluster or a future of Dask, which states no types."""
+DaskObject = Any  # A client, a cluster or a future of Dask, which states no types
 DaskFuture = DaskObject
 
 
 class DaskWorkers(Workers):
-    """Works on parts wherever a Dask scheduler sends them.
+    """Works on parts wherever a Dask scheduler sends them; ``own`` was opened for this and is closed with it.
 
     Not by ``client.get_executor()``: its futures fail where a worker is lost just after it has answered.
-
-    Args:
-        client: a ``distributed.Client``.
-        own: what was opened for this and is closed with it, the client first.
     """
 
-    def __init__(self, client: DaskObject, own: tuple[DaskObject, ...] = ()) -> None:
-        self._client = client
-        self._own = list(own)
+    def __init__(self, client: DaskObject, own: ExitStack | None = None) -> None:
+        self._client, self._own = client, own or ExitStack()
 
     def run(self, part: Part[S, T, R], shared: S, items: Sequence[T]) -> Iterator[tuple[int, R]]:
-        """As of `Workers`.
-
-        Raises:
-            InputError: the scheduler was lost, or too many workers over one part.
-        """
+        """As of `Workers`."""
         dask = import_module("distributed")
         numbers, running = iter(range(len(items))), dict[DaskFuture, int]()
         done = dask.as_completed(loop=self._client.loop)
+
+        def submit(most: int) -> None:
+            for k in islice(numbers, most):
+                future = self._client.submit(worked, part, shared, items[k], pure=False)
+                running[future] = k
+                done.add(future)
+
         try:
-            for k in islice(numbers, MAX_SUBMITTED_PARTS):
-                done.add(self._submitted_part(running, part, shared, items[k], k))
+            submit(MAX_SUBMITTED_PARTS)
             for future in done:
                 yield running.pop(future), future.result()
-                for k in islice(numbers, 1):
-                    done.add(self._submitted_part(running, part, shared, items[k], k))
+                submit(1)
         except (dask.scheduler.KilledWorker, dask.comm.CommClosedError, CancelledError) as error:
             hint = "start it again; what a --checkpoint holds is not lost"
             raise InputError(Issue(f"the workers were lost ({type(error).__name__})", _OPTION, hint=hint)) from error
@@ -71,32 +57,14 @@ class DaskWorkers(Workers):
             with suppress(dask.client.ClosedClientError):  # a scheduler that is gone has nothing to cancel
                 self._client.cancel(list(running))
 
-    def _submitted_part(
-        self, running: dict[DaskFuture, int], part: Part[S, T, R], shared: S, item: T, k: int
-    ) -> DaskFuture:
-        """The future of one part, which is in ``running`` from now on."""
-        future = self._client.submit(worked, part, shared, item, pure=False)
-        running[future] = k
-        return future
-
     def close(self) -> None:
         """Close the connection, and end the workers that were started for it."""
-        while self._own:
-            # Workers that are slow to end do so with this process.
-            with suppress(TimeoutError):
-                self._own.pop(0).close(timeout=_SCHEDULER_TIMEOUT_S)
+        with suppress(TimeoutError):  # workers that are slow to end do so with this process
+            self._own.close()
 
 
 def scheduled(address: str, workers: int = 1) -> DaskWorkers:
-    """The workers of the scheduler at ``tcp://HOST:PORT``; or of one started for this, ``local``.
-
-    Args:
-        address: of the scheduler.
-        workers: processes of a local one.
-
-    Raises:
-        InputError: Dask is not installed, the address is none, nobody answers, or it has no or other workers.
-    """
+    """The workers of the scheduler at ``tcp://HOST:PORT``; or of one started for this, ``local``."""
     try:
         dask = import_module("distributed")
     except ImportError:
@@ -105,7 +73,7 @@ def scheduled(address: str, workers: int = 1) -> DaskWorkers:
     # Whether there is an answer says what has become of the workers. Dask gives its parts levels of their own.
     for name in [name for name in logging.root.manager.loggerDict if name.startswith("distributed")]:
         logging.getLogger(name).setLevel(logging.CRITICAL)
-    if address == LOCAL:
+    if address == "local":
         return _local_workers(dask, workers)
     _check_answer(address)
     try:
@@ -113,59 +81,33 @@ def scheduled(address: str, workers: int = 1) -> DaskWorkers:
     except (OSError, TimeoutError, ValueError) as error:
         hint = "is it a scheduler of Dask, of a like version? start one: dask scheduler"
         raise InputError(Issue(f"what answers is no scheduler ({error})", _OPTION, address, hint)) from error
-    found = DaskWorkers(client, (client,))
-    try:
+    with ExitStack() as begun:
+        begun.callback(client.close, timeout=_SCHEDULER_TIMEOUT_S)
         _check_workers(client, address)
-    except BaseException:
-        found.close()
-        raise
-    return found
+        return DaskWorkers(client, begun.pop_all())
 
 
 def _local_workers(dask: DaskObject, workers: int) -> DaskWorkers:
-    """A scheduler and workers of this machine, whose files are in a folder that goes with them.
-
-    Raises:
-        InputError: they do not start, or end while they do: one may be killed for want of memory.
-    """
+    """A scheduler and workers of this machine, whose files are in a folder that goes with them."""
     with ExitStack() as begun:
         folder = begun.enter_context(TemporaryDirectory(prefix="posture_opt-", ignore_cleanup_errors=True))
         try:
             with import_module("dask").config.set({"temporary-directory": folder}):
                 cluster = dask.LocalCluster(
-                    n_workers=workers,
-                    threads_per_worker=1,
-                    processes=True,
-                    dashboard_address=None,
-                    silence_logs=logging.CRITICAL,
-                    local_directory=folder,
-                )
+                    n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None,
+                    silence_logs=logging.CRITICAL, local_directory=folder,
+                )  # fmt: skip
             begun.callback(cluster.close, timeout=_SCHEDULER_TIMEOUT_S)
             client = dask.Client(cluster, set_as_default=False)
         except (OSError, RuntimeError, TimeoutError, ValueError) as error:
             hint = "start it again with fewer --workers; without --scheduler it needs no Dask"
             what = f"the workers did not start ({type(error).__name__})"
-            raise InputError(Issue(what, _OPTION, LOCAL, hint)) from error
-        return DaskWorkers(client, (client, _Closing(begun.pop_all())))
-
-
-@dataclass(frozen=True)
-class _Closing:
-    """What is closed at last, in the order of the stack."""
-
-    stack: ExitStack
-
-    def close(self, timeout: float) -> None:
-        """Close all of it; each has a time limit of its own."""
-        self.stack.close()
+            raise InputError(Issue(what, _OPTION, "local", hint)) from error
+        begun.callback(client.close, timeout=_SCHEDULER_TIMEOUT_S)
+        return DaskWorkers(client, begun.pop_all())
 
 
 def _check_answer(address: str) -> None:
-    """Refuse an address at which no process answers at once; Dask would go on trying.
-
-    Raises:
-        InputError: no address, or no connection within `_CONNECT_TIMEOUT_S`.
-    """
     hint = "start one, dask scheduler --port 8786, or take --scheduler local"
     try:
         host, port = urlsplit(address).hostname, urlsplit(address).port
@@ -174,18 +116,13 @@ def _check_answer(address: str) -> None:
     if not host or not port or urlsplit(address).scheme not in ("tcp", "tls"):
         raise InputError(Issue(f"'{address}' is no address of a scheduler", _OPTION, address, "write tcp://HOST:PORT"))
     try:
-        socket.create_connection((host, port), _CONNECT_TIMEOUT_S).close()
+        socket.create_connection((host, port), 3).close()  # within 3 s; Dask would go on trying
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
         raise InputError(Issue(f"no scheduler answers ({reason})", _OPTION, address, hint)) from error
 
 
 def _check_workers(client: DaskObject, address: str) -> None:
-    """Refuse a scheduler without workers, or with workers of another version.
-
-    Raises:
-        InputError: with a hint how to start or update them.
-    """
     try:
         client.wait_for_workers(1, timeout=_SCHEDULER_TIMEOUT_S)
     except TimeoutError as error:
@@ -200,9 +137,8 @@ def _check_workers(client: DaskObject, address: str) -> None:
     if other:
         worker, found = next(iter(other.items()))
         hint = "install the same version on every machine"
-        raise InputError(
-            Issue(f"the worker {worker} has version {found}, here is {__version__}", _OPTION, address, hint)
-        )
+        text = f"the worker {worker} has version {found}, here is {__version__}"
+        raise InputError(Issue(text, _OPTION, address, hint))
 
 
 def version() -> str:

@@ -12,21 +12,13 @@ from posture_opt.workers.workers import MAX_SUBMITTED_PARTS, Part, R, S, T, Work
 
 
 class ExecutorWorkers(Workers):
-    """Works on parts wherever an executor sends them; it is not shut down.
-
-    Args:
-        executor: it gets at most `MAX_SUBMITTED_PARTS` parts at once; those left when the work ends are cancelled.
-    """
+    """Works on parts wherever an executor sends them; it is not shut down."""
 
     def __init__(self, executor: FuturesExecutor) -> None:
         self._executor = executor
 
     def run(self, part: Part[S, T, R], shared: S, items: Sequence[T]) -> Iterator[tuple[int, R]]:
-        """As of `Workers`.
-
-        Raises:
-            InputError: the executor lost its workers.
-        """
+        """As of `Workers`."""
         numbers, running = iter(range(len(items))), dict[Future[R], int]()
         try:
             while True:

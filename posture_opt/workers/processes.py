@@ -1,8 +1,6 @@
 """``ProcessWorkers``: processes of this machine, which never outlive the one that started them.
 
-The processes of `concurrent.futures` outlive a parent that is killed, and when one of them is killed the whole pool is
-broken. These end with their parent, are not disturbed by an interrupt that it answers, and one that is lost is replaced
-and its part begun again.
+Those of `concurrent.futures` outlive a parent that is killed, and break as a whole when one of them is killed.
 """
 
 from __future__ import annotations
@@ -23,11 +21,6 @@ from multiprocessing.process import BaseProcess
 from posture_opt.errors import InputError, Issue
 from posture_opt.interrupts import undisturbed
 from posture_opt.workers.workers import Part, R, S, T, Workers, worked
-
-_MAX_LOST_WORKERS = 3
-"""Workers that may be lost over one part, before the part is taken for the cause."""
-_PR_SET_PDEATHSIG = 1
-"""Option of ``prctl``, as of ``<sys/prctl.h>``: a signal when the parent ends."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,21 +48,14 @@ class ProcessWorker:
 
 
 class ProcessWorkers(Workers):
-    """Works on ``count`` parts at once, each in a process of its own.
-
-    Processes are started when they are first needed and kept for the next round.
-    """
+    """Works on ``count`` parts at once, each in a process of its own."""
 
     def __init__(self, count: int) -> None:
         self._count = count
         self._idle: list[ProcessWorker] = []
 
     def run(self, part: Part[S, T, R], shared: S, items: Sequence[T]) -> Iterator[tuple[int, R]]:
-        """As of `Workers`.
-
-        Raises:
-            InputError: a part ended three processes that worked on it.
-        """
+        """As of `Workers`."""
         waiting, lost = deque(range(len(items))), [0] * len(items)
         busy: dict[Connection, tuple[ProcessWorker, int]] = {}
         try:
@@ -85,7 +71,11 @@ class ProcessWorkers(Workers):
                     except (EOFError, OSError):
                         worker.end()
                         waiting.appendleft(k)
-                        lost[k] = _losses_counted(lost[k])
+                        lost[k] += 1
+                        if lost[k] == 3:  # then the part is taken for the cause
+                            hint = "take fewer workers (--workers 1): most often memory is short"
+                            text = "3 worker processes were ended over one part of the work"
+                            raise InputError(Issue(text, hint=hint)) from None
                         continue
                     self._idle.append(worker)
                     if not done:
@@ -114,22 +104,8 @@ def _send_message(worker: ProcessWorker, message: tuple[Part[S, T, R], S, T]) ->
         worker.process.join()
 
 
-def _losses_counted(lost: int) -> int:
-    """One more than so many workers that a part has lost.
-
-    Raises:
-        InputError: these are too many.
-    """
-    if lost + 1 < _MAX_LOST_WORKERS:
-        return lost + 1
-    hint = "take fewer workers (--workers 1): most often memory is short"
-    raise InputError(Issue(f"{_MAX_LOST_WORKERS} worker processes were ended over one part of the work", hint=hint))
-
-
 def _serve_parts(pipe: Connection, parent: int) -> None:
-    """What a worker does: receive a part, compute it, send ``(True, result)`` or ``(False, error)``, until it is
-    ended.
-    """
+    """The loop of a worker: receive a part, compute it, send ``(True, result)`` or ``(False, error)``."""
     # An interrupt from the keyboard goes to all processes: the parent answers for them.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     for name in ("SIGTERM", "SIGHUP", "SIGALRM"):
@@ -150,11 +126,8 @@ def _serve_parts(pipe: Connection, parent: int) -> None:
 
 
 def _end_with_parent(parent: int) -> None:
-    """Make sure that this process does not outlive its parent: by the kernel on Linux, elsewhere by a thread that
-    waits.
-    """
     if sys.platform == "linux":
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+        ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG of <sys/prctl.h>
     if os.getppid() != parent and multiprocessing.get_start_method() == "fork":
         os._exit(1)  # it ended before this was asked for
     parent_process = multiprocessing.parent_process()

@@ -1,9 +1,4 @@
-"""What the results of a part look like as JSON: what a checkpoint holds may have been written by anybody.
-
-A pattern is a type (``float`` is any number, ``object`` anything, ``FINITE`` a finite number), a set of texts or whole
-numbers, None, a tuple of patterns for a list of that length, a list of one pattern for a list of any length, a dict for
-a mapping with at least these keys, or `Either`.
-"""
+"""What the results of a part look like as JSON: what a checkpoint holds may have been written by anybody."""
 
 from __future__ import annotations
 
@@ -15,8 +10,7 @@ from typing import Any
 from posture_opt.workers.workers import Part, R, S, T
 
 Pattern = Any
-FINITE = "finite"
-"""The pattern of a number that is neither NaN nor infinite."""
+FINITE = "finite"  # The pattern of a number that is neither NaN nor infinite
 _ATTRIBUTE = "record_pattern"
 
 
@@ -29,12 +23,7 @@ class Either:
 
 
 def matches(value: object, pattern: Pattern) -> bool:
-    """Whether a value of JSON is as the pattern says.
-
-    Example:
-        >>> matches(["a", 1.5, [1, 2]], (str, float, [int])), matches([1], (int, int)), matches(True, int)
-        (True, False, False)
-    """
+    """Whether a value of JSON is as the pattern says."""
     if isinstance(pattern, Either):
         return matches(value, pattern.one) or matches(value, pattern.other)
     if isinstance(pattern, frozenset):

@@ -1,9 +1,4 @@
-"""``Workers``: whoever works on the parts of a computation, so that the computation does not depend on it.
-
-A computation is a sequence of rounds. The parts of one round are computed by a pure function and depend on nothing but
-its arguments, so that no answer depends on who computes them, how many do, or in which order. Arguments and results
-are sent between processes; results of what a checkpoint keeps are lists, dicts, text and numbers, as JSON has them.
-"""
+"""``Workers``: whoever works on the parts of a computation, so that the computation does not depend on it."""
 
 from __future__ import annotations
 
@@ -13,36 +8,23 @@ from collections.abc import Callable, Iterator, Sequence
 from types import TracebackType
 from typing import Self, TypeVar
 
-S = TypeVar("S")
-"""What all parts of a round share."""
-T = TypeVar("T")
-"""What is worked on, one an item."""
-R = TypeVar("R")
-"""What comes of an item."""
+S = TypeVar("S")  # What all parts of a round share
+T = TypeVar("T")  # What is worked on, one an item
+R = TypeVar("R")  # What comes of an item
+# ``(shared, item) -> result``, a function of a module: other processes import it by its name.
 Part = Callable[[S, T], R]
-"""``(shared, item) -> result``, a function of a module: other processes import it by its name."""
 
+# Parts that other machines have at once: enough for any cluster, and memory does not grow with the work.
 MAX_SUBMITTED_PARTS = 64
-"""Parts that other machines have at once: enough for any cluster, and memory does not grow with the work."""
-_PART_LOCK = threading.RLock()
-"""Held while a part is computed; a part may have parts of its own."""
+_PART_LOCK = threading.RLock()  # Held while a part is computed; a part may have parts of its own
 
 
 class Workers(ABC):
-    """Works on the parts of a round, each a pure function of what all parts share and of its own item.
-
-    Used in a ``with`` block, which closes it.
-    """
+    """Works on the parts of a round, each a pure function of what all parts share and of its own item."""
 
     @abstractmethod
     def run(self, part: Part[S, T, R], shared: S, items: Sequence[T]) -> Iterator[tuple[int, R]]:
-        """The number of each item with ``part(shared, item)``, in the order in which they are done.
-
-        Args:
-            part: a function of a module.
-            shared: sent to every worker; expensive things pickle as their recipe and are built once in each.
-            items: one for each part.
-        """
+        """The number of each item with ``part(shared, item)``, in the order in which they are done."""
 
     def in_order(self, part: Part[S, T, R], shared: S, items: Sequence[T]) -> list[R]:
         """The results of all items, in their order; it waits for the last one."""
@@ -65,3 +47,12 @@ def worked(part: Part[S, T, R], shared: S, item: T) -> R:
     """``part(shared, item)``, and no other part at the same time in this process: solvers are not made for threads."""
     with _PART_LOCK:
         return part(shared, item)
+
+
+class Serial(Workers):
+    """Works on one part after the other, in this process."""
+
+    def run(self, part: Part[S, T, R], shared: S, items: Sequence[T]) -> Iterator[tuple[int, R]]:
+        """As of `Workers`, in the order of the items."""
+        for k, item in enumerate(items):
+            yield k, worked(part, shared, item)

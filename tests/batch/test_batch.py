@@ -14,9 +14,10 @@ from scipy.optimize import minimize
 
 import posture_opt as po
 from posture_opt.batch.batch_covariance import covariance_between_robots, deviation_interval
+from posture_opt.files import problems_folder
 from posture_opt.model.effects import JointNoise
 from posture_opt.problem.fitted_problem import batch_uncertainty, batch_yaml
-from posture_opt.problem.load import load_builtin, problems_folder
+from posture_opt.problem.load import load_builtin
 from tests.helpers import batch_planar_2r as shop
 from tests.helpers.command_line import invoke
 from tests.helpers.planar_2r import position

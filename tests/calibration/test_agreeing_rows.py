@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from posture_opt.calibration.estimation.agreeing_rows import agreeing_rows
+from posture_opt.calibration.estimation.fit import agreeing_rows
 
 SAG = np.array([0.0, 0.0, -2.0])
 

@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 import posture_opt as po
-from posture_opt.calibration.scatter_change import scatter_change
+from posture_opt.calibration.start_up import scatter_change
 from tests.helpers.planar_files import SHORT
 
 ROWS = 120

@@ -14,9 +14,9 @@ import pytest
 from click.testing import CliRunner, Result
 
 import posture_opt as po
-from posture_opt.cli.asked.quantities import requested_posture
-from posture_opt.cli.asked.request import requested_problem
 from posture_opt.cli.main import COMMANDS, main
+from posture_opt.cli.quantities import requested_posture
+from posture_opt.cli.request import requested_problem
 from posture_opt.problem.load import builtin_problem, load_builtin
 from posture_opt.problem.starter import starter_text
 from posture_opt.robot import preset_names
@@ -188,7 +188,7 @@ def test_unexpected_failure_is_one_line_unless_debugged(monkeypatch: pytest.Monk
     def broken(*args: object, **named: object) -> None:
         raise ZeroDivisionError("first\nsecond")
 
-    monkeypatch.setattr("posture_opt.cli.asked.request.requested_problem", broken)
+    monkeypatch.setattr("posture_opt.cli.request.requested_problem", broken)
     result = run("--task", "insert")
     assert result.exit_code == 1
     assert result.stderr == "error: ZeroDivisionError: first (a defect of this program; --debug shows where)\n"

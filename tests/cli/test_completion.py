@@ -12,11 +12,11 @@ import pytest
 from click.testing import CliRunner
 
 import posture_opt
-from posture_opt.cli.asked.named_values import TASK, completed_files
+from posture_opt.cli.completion import TASK, completed_files
 from posture_opt.cli.main import COMMANDS, main
 from posture_opt.export import ARM_FORMATS, PROGRAM_FORMATS
-from posture_opt.export.export_files import export_kinds, program_kinds
-from posture_opt.problem.load import builtin_names
+from posture_opt.export.export_files import export_kinds
+from posture_opt.files import builtin_names
 from posture_opt.selection.tasks import TASKS
 
 FILES = ("my cell.yaml", "mine.yml", "data.csv", "arm.urdf", "notes.txt", "results/")
@@ -170,7 +170,6 @@ def test_completing_a_word_loads_no_library(command: str, folder: Path) -> None:
 
 def test_the_names_of_the_exports_are_those_of_their_classes() -> None:
     assert tuple(ARM_FORMATS | PROGRAM_FORMATS) == tuple(export_kinds())
-    assert tuple(PROGRAM_FORMATS) == tuple(program_kinds())
 
 
 def test_the_names_of_the_tasks_are_those_of_their_classes() -> None:

@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 import posture_opt as po
-from posture_opt.problem.load import problems_folder
+from posture_opt.files import problems_folder
 from posture_opt.problem.measured_robot import problem_of_measured_robot
 from posture_opt.robot.preset import load_preset
 from tests.helpers.command_line import invoke

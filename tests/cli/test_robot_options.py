@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.cli.asked.request import requested_problem
+from posture_opt.cli.request import requested_problem
 from tests.helpers.command_line import invoke
 from tests.helpers.same_problem import written
 

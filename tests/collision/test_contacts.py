@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from posture_opt.collision.contact_slack import ContactSlack
+from posture_opt.collision.contacts import ContactSlack
 from posture_opt.model.toolchain import find_compiler
-from posture_opt.robot.joint_ranges import drawn_between
+from posture_opt.robot.posture import drawn_between
 from tests.helpers import brute_force
 from tests.helpers.cells import GROUND, LAMP, POST, TABLE, problem_in_cell
 from tests.helpers.variants import conformance

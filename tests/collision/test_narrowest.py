@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.collision.narrowest import narrowest
+from posture_opt.collision.scene import narrowest
 
 START = np.radians([37.0, -112.0, 128.0, -29.0, 90.0, -26.0])
 OBSTACLES = {

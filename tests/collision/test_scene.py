@@ -12,7 +12,7 @@ import posture_opt as po
 from posture_opt.collision.scene import SELF_CLEARANCE_ROW, SEPARATION_M, Scene
 from posture_opt.collision.smooth_bounds import BOUND_SLACK_M, SOFT_MINIMUM_WIDTH_M
 from posture_opt.model.compiled import BatchFunction
-from posture_opt.robot.joint_ranges import drawn_between
+from posture_opt.robot.posture import drawn_between
 from tests.helpers import brute_force
 from tests.helpers.cells import GROUND, LAMP, POST, TABLE, problem_in_cell
 from tests.helpers.variants import conformance

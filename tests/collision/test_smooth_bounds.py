@@ -60,7 +60,7 @@ def test_the_bound_is_never_above_the_distance_and_little_below(kind: str, lengt
     a, u, b, v = drawn(length)
     bound = np.array(function(KINDS[kind](length)).map(COUNT)(a.T, u.T, b.T, v.T)).ravel()
     true = TRUE[kind](a, a + u, b, b + v) - RADIUS
-    lines_apart = true > -RADIUS + smooth._LINEAR_BELOW_M
+    lines_apart = true > -RADIUS + 5e-3
     assert np.all(bound[lines_apart] <= true[lines_apart] + SOFT_MINIMUM_WIDTH_M)
     assert np.all(bound[true < 0] < 0)
     clear = true >= 0

@@ -13,7 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from posture_opt.problem.load import builtin_names, load_builtin, problems_folder
+from posture_opt.files import builtin_names, problems_folder
+from posture_opt.problem.load import load_builtin
 from tests.helpers.command_server import CommandServer
 from tests.helpers.variants import conformance
 

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.calibration.assumptions.geometric_deviation import GeometricDeviation
-from posture_opt.calibration.scatter_change import ScatterChange
-from posture_opt.diagnosis.cause_actions import of_one_type
+from posture_opt.calibration.assumptions.contradictions import GeometricDeviation
+from posture_opt.calibration.start_up import ScatterChange
+from posture_opt.diagnosis.cause_statements import of_one_type
 from posture_opt.diagnosis.causes.causes import Finding
+from posture_opt.diagnosis.diagnosis_statements import uneven_statements
+from posture_opt.diagnosis.noise.noise_causes import NoiseFloor
 from posture_opt.diagnosis.noise.uneven_noise import UnevenErrors
-from posture_opt.diagnosis.noise_floor import NoiseFloor
-from posture_opt.diagnosis.open_statements import uneven_statements
 from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent
 from posture_opt.model.effects import (
     Backlash,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import posture_opt as po
-from posture_opt.diagnosis.search.linearised_data import linearise_calibration
+from posture_opt.diagnosis.scores.candidates import linearise_calibration
 from tests.helpers.real_arms import DATA, long_on_real_arms
 
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.problem.load import load_builtin, problems_folder
+from posture_opt.files import problems_folder
+from posture_opt.problem.load import load_builtin
 from tests.helpers import measured_planar_2r as shop
 from tests.helpers import measured_ur10 as loaded
 from tests.helpers.same_problem import assert_same_numbers, written

@@ -9,7 +9,7 @@ import pytest
 
 import posture_opt as po
 from posture_opt.calibration.estimation.fit import Fit
-from posture_opt.diagnosis import explained
+from posture_opt.diagnosis import diagnose as stages
 from posture_opt.model.effects import CyclicError
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PROBLEM, write
@@ -40,7 +40,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> po.Diagnosis:
     problem = po.problem_from_dict(PROBLEM)
     data = po.read_measurements(folder / "data.csv", problem)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(explained, "choice_deviations", open_slow_line)
+        patch.setattr(stages, "choice_deviations", open_slow_line)
         return po.diagnose(problem, data, flips=99, plan=False)
 
 

@@ -10,7 +10,7 @@ import pytest
 
 import posture_opt as po
 from posture_opt.calibration.estimation.fit import Fit
-from posture_opt.diagnosis.search.linearised_data import linearise_calibration
+from posture_opt.diagnosis.scores.candidates import linearise_calibration
 
 LENGTHS = (0.5, 0.4)
 INSTRUMENT = 1e-4  # m

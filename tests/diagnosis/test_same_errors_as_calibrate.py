@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 import posture_opt as po
-from posture_opt.problem.load import load_builtin, problems_folder
+from posture_opt.files import problems_folder
+from posture_opt.problem.load import load_builtin
 from tests.helpers.real_arms import DATA, long_on_real_arms
 from tests.helpers.variants import conformance
 

@@ -12,8 +12,8 @@ import pytest
 
 import posture_opt as po
 from posture_opt.calibration.estimation.fit import Fit
-from posture_opt.report.measured_parts.error_table import rows_words
-from posture_opt.report.measured_parts.split_file import split_csv
+from posture_opt.report.parts.diagnosis_tables import split_csv
+from posture_opt.report.parts.model_tables import rows_words
 from posture_opt.statements import Statement
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PLANAR, write

@@ -12,8 +12,7 @@ import pytest
 import posture_opt as po
 from posture_opt.calibration import calibration_statements as of_calibration
 from posture_opt.calibration.doubts import Doubt
-from posture_opt.calibration.scatter_change import ScatterChange
-from posture_opt.calibration.start_up import StartUp
+from posture_opt.calibration.start_up import ScatterChange, StartUp
 from posture_opt.calibration.weights import GravityReading, MassReading
 from posture_opt.diagnosis.measured_goals import Choice
 from posture_opt.statements import Statement

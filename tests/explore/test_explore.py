@@ -25,10 +25,9 @@ import pytest
 import posture_opt as po
 from posture_opt.cli.main import main
 from posture_opt.collision.obstacles import OBSTACLES
-from posture_opt.explore.answers import Answer, Answers, Request
+from posture_opt.explore.answers import Answer, Answers, Following, Request
 from posture_opt.explore.explorer import Explorer
-from posture_opt.explore.following import Following
-from posture_opt.explore.heat import heat_of, passes_of
+from posture_opt.explore.live_map import heat_of, passes_of
 from posture_opt.explore.other_process import OtherProcess
 from posture_opt.files import problems_folder
 from posture_opt.model.toolchain import compiled_before

@@ -10,10 +10,17 @@ from typing import Any, NamedTuple
 import numpy as np
 import yaml
 
+from posture_opt.export.robot_program import MotionRequest, RobotProgram, answer_programs
 from tests.helpers import brute_force, factors
 
 Files = Mapping[str, str]
 NUMBER = r"[-+]?[0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?"
+
+
+def answer_program(problem: Any, answer: Any, asked: MotionRequest | None = None) -> RobotProgram:
+    """The one program of an answer that is not broken."""
+    (program,) = answer_programs(problem, answer, asked or MotionRequest())
+    return program
 
 
 class Step(NamedTuple):

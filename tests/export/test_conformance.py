@@ -13,17 +13,17 @@ import yaml
 
 import posture_opt as po
 from posture_opt.errors import InputError
-from posture_opt.export import EXPORTS
-from posture_opt.export.export_files import kind_of_export, program_files, program_kinds
-from posture_opt.export.robot_program import MotionRequest, answer_program
+from posture_opt.export import PROGRAM_FORMATS
+from posture_opt.export.export_files import export_kinds, program_files
+from posture_opt.export.robot_program import MotionRequest
 from posture_opt.uncertainty.spread.joint_digits import scatter
-from tests.export.programs import READERS
+from tests.export.programs import READERS, answer_program
 from tests.helpers.command_line import invoke
 from tests.helpers.folders import names as names_in
 from tests.helpers.variants import conformance
 
-KINDS = [kind_of_export(listed) for listed in EXPORTS]
-PROGRAMS = list(program_kinds())
+KINDS = list(export_kinds())
+PROGRAMS = list(PROGRAM_FORMATS)
 ARMS = {
     "insert_panda": [0.3, -0.4, 0.2, -1.9, 0.1, 1.7, 0.6],
     "insert_ur10": [0.5, -1.9, 1.4, -1.1, 1.5, 0.2],

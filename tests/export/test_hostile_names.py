@@ -16,12 +16,12 @@ import yaml
 
 import posture_opt as po
 from posture_opt.errors import InputError
-from posture_opt.export import EXPORTS
-from posture_opt.export.export_files import kind_of_export, program_files, program_kinds
+from posture_opt.export import PROGRAM_FORMATS
+from posture_opt.export.export_files import export_kinds, program_files
 from posture_opt.export.robot_program import program_through
 from tests.export.programs import READERS
 
-KINDS = [kind_of_export(listed) for listed in EXPORTS]
+KINDS = list(export_kinds())
 HOSTILE = [
     "=cmd|'/C calc'!A0", "+SUM(A1)", "-2+3", "@SUM(A1)", "'=1", "=a b", 'a"; b', "*/ int evil(){} /*", '""" + evil',
     "a =b", "# a", "- a", "{a}", "&a *a", "!!python/object/x", "null", "1e3", "<a>&amp;", "--> <b/>",
@@ -74,7 +74,7 @@ def test_every_export_holds_hostile_names_as_text(kind: str) -> None:
         files = po.export_files(arm_of(names), kind, posture=q).files
         found = named_in(kind, files)
         assert found is None or found == list(names)
-        if kind in program_kinds():
+        if kind in PROGRAM_FORMATS:
             assert np.allclose(READERS[kind](files, ["revolute"] * 6), [q], atol=1e-4)
         if kind == "c":
             assert {f: comments_removed(t) for f, t in files.items()} == {
@@ -82,7 +82,7 @@ def test_every_export_holds_hostile_names_as_text(kind: str) -> None:
             }
 
 
-@pytest.mark.parametrize("kind", program_kinds())
+@pytest.mark.parametrize("kind", PROGRAM_FORMATS)
 def test_labels_and_titles_stay_in_their_line_of_comment(kind: str) -> None:
     """Also such as no file could have brought: of problems made in Python."""
     problem = arm_of(tuple("abcdef"))

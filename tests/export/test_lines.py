@@ -14,9 +14,9 @@ import yaml
 
 import posture_opt as po
 from posture_opt.export.export_files import program_files
-from posture_opt.export.maker import maker_of
-from posture_opt.export.robot_program import MotionRequest, answer_program
-from tests.export.programs import READERS
+from posture_opt.export.program_format import maker_of
+from posture_opt.export.robot_program import MotionRequest
+from tests.export.programs import READERS, answer_program
 
 TOOL = {"xyz": ["10 mm", "0 m", "0.12 m"], "rpy": ["0 deg", "20 deg", "30 deg"]}
 POINTS = [["0.6 m", f"{y} m", "0.2 m"] for y in (-0.1, 0.0, 0.002, 0.1)]

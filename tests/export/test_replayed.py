@@ -11,8 +11,7 @@ import pytest
 import posture_opt as po
 from posture_opt.errors import NoSolutionError
 from posture_opt.export.export_files import program_files
-from posture_opt.export.known_programs import compensated_program
-from posture_opt.export.robot_program import MotionRequest, answer_programs
+from posture_opt.export.robot_program import MotionRequest, answer_programs, compensated_program
 from tests.export.programs import INTERPRETERS, driven
 from tests.helpers import brute_force, factors
 from tests.helpers.command_line import invoke

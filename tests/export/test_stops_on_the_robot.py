@@ -10,8 +10,8 @@ import pytest
 
 import posture_opt as po
 from posture_opt.export.export_files import program_files
-from posture_opt.export.robot_program import MotionRequest, answer_program
-from tests.export.programs import READERS
+from posture_opt.export.robot_program import MotionRequest
+from tests.export.programs import READERS, answer_program
 from tests.helpers import brute_force
 
 TOOL = {"xyz": ["0 m", "0 m", "120 mm"]}

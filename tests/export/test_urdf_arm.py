@@ -10,7 +10,7 @@ import pinocchio
 import pytest
 
 import posture_opt as po
-from posture_opt.model.arm_state import ArmState
+from tests.helpers.capsules import in_the_world
 from tests.helpers.variants import STRUCTURES
 
 SAME = 1e-9  # m and rad
@@ -112,11 +112,9 @@ def test_the_shape_comes_back_as_the_same_capsules(tmp_path: Path) -> None:
     q = np.array([0.3, -1.2, 1.1, -0.4, 0.8, 0.2])
     ends = []
     for robot in (problem.robot, again.robot):
-        frames = ArmState(robot, q).frames
-        owner = {joint.name: frame for joint, frame in zip(robot.joints, frames, strict=True)}
-        moving = [c for c in robot.shape if c.joint in owner]
+        moving = [in_the_world(robot, q, c) for c in robot.shape if c.joint in robot.joint_names]
         assert len(moving) > 5
-        ends.append(sorted((*owner[c.joint].point(p), c.radius) for c in moving for p in (c.start, c.end)))
+        ends.append(sorted((*end, radius) for *both, radius in moving for end in both))
     assert np.abs(np.array(ends[0], dtype=float) - np.array(ends[1], dtype=float)).max() < 1e-6
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import yaml
 
 import posture_opt as po
-from posture_opt.problem.load import builtin_names, problems_folder
+from posture_opt.files import builtin_names, problems_folder
 
 _PLAIN = {"type": "revolute", "a": "0.3 m", "alpha": "0 deg", "d": "0 m", "theta": "0 deg"}
 _LIMITS = {"limits": ["-170 deg", "170 deg"]}

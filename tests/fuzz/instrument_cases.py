@@ -9,7 +9,7 @@ import yaml
 
 from posture_opt.measurements.kinds import KINDS
 from posture_opt.measurements.kinds.kind import Kind
-from posture_opt.measurements.kinds.pose_columns import QUATERNION
+from posture_opt.measurements.kinds.pose import QUATERNION
 from tests.fuzz.bases import problem_file
 from tests.fuzz.case import Case
 from tests.fuzz.measured_tables import Table, planar, with_columns

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from posture_opt.manifest import MANIFEST
+from posture_opt.output import MANIFEST
 
 
 def names(folder: Path) -> list[str]:

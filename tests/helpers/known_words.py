@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import click
 
-from posture_opt.cli.asked.named_values import Named
+from posture_opt.cli.completion import Named
 
 
 @dataclass(frozen=True)

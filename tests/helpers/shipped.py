@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import posture_opt as po
-from posture_opt.problem.load import problems_folder
+from posture_opt.files import problems_folder
 
 
 @cache

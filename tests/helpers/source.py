@@ -18,17 +18,13 @@ ROOMS = [
     "errors",
     "limits",
     "texts",
-    "csv_text",
     "units",
     "spec",
     "numerics",
     "interrupts",
     "files",
     "statements",
-    "staging",
-    "manifest",
     "output",
-    "registration",
     "result",
     "workers",
 ]
@@ -41,12 +37,12 @@ SUBROOMS: dict[str, list[str]] = {
     "uncertainty": ["regions", "sources", "moments", "spread", "simulation"],
     "selection": [
         *("terms", "tasks", "registered_tasks", "program", "solvers"),
-        *("fitted_arm", "problem_data", "search", "answer", "stations", "maps", "paths"),
+        *("problem_data", "search", "answer", "stations", "maps", "paths"),
         *("select_posture", "posture_batch", "comparison"),
     ],
     "calibration": ["estimation", "assumptions"],
-    "diagnosis": ["scores", "search", "noise", "causes", "discrimination"],
-    "report": ["text", "page", "parts", "measured_parts", "scene", "figures", "interactive", "results"],
+    "diagnosis": ["scores", "search", "noise", "causes"],
+    "report": ["text", "page", "parts", "scene", "figures", "results"],
 }
 """The folders of a room, and such of its files as another folder needs, in the order in which they may import each
 other; files that are not listed come behind all folders.

@@ -10,11 +10,9 @@ import pytest
 import yaml
 
 import posture_opt as po
-from posture_opt.measurements.camera_places import Bodies
-from posture_opt.measurements.camera_section import CameraSpec
+from posture_opt.measurements.camera_section import Bodies, CameraSpec, Intrinsics
 from posture_opt.measurements.kinds import MarkerPixels, Seen
-from posture_opt.measurements.pinhole import Intrinsics
-from posture_opt.problem.camera_files import read_intrinsics
+from posture_opt.problem.named_files import read_intrinsics
 from tests.helpers.cameras import TOOL_SCENE, Scene, camera_problem, camera_table, frame, grid
 from tests.helpers.instruments import TrueArm
 
@@ -85,7 +83,7 @@ def test_derivatives_are_those_of_differences() -> None:
 
 def test_pixels_are_those_of_opencv() -> None:
     cv2 = pytest.importorskip("cv2")
-    from posture_opt.measurements.pinhole import projected
+    from posture_opt.measurements.camera_section import projected
 
     k = np.array([-0.2, 0.1, 1e-3, -2e-3, 0.03])
     points = np.random.default_rng(0).uniform([-0.3, -0.3, 0.8], [0.3, 0.3, 1.2], (50, 3))

@@ -11,9 +11,8 @@ from scipy.spatial.transform import Rotation
 
 import posture_opt as po
 from posture_opt.measurements.data_section import DataSpec
-from posture_opt.measurements.kinds import KINDS, FramedPosition, Kind, PairSpec, Seen
+from posture_opt.measurements.kinds import KINDS, Kind, PairSpec, Pose, Position, Seen
 from posture_opt.measurements.kinds.kind import stacked
-from posture_opt.measurements.kinds.pose import FramedPose
 from tests.helpers.instruments import JOINTS, TrueArm, distance_table, level_table, plane_table
 
 ROWS, PLACES = 12, 3
@@ -42,11 +41,14 @@ def readings_of(kind: Kind, position: np.ndarray, R: np.ndarray, values: np.ndar
     return np.concatenate([READING[:, :3], turned], axis=1)
 
 
-def a_kind(listed: type[Kind], rng: np.random.Generator) -> tuple[Kind, np.ndarray, np.ndarray, np.ndarray]:
+def a_kind(
+    listed: type[Kind], framed: bool, rng: np.random.Generator
+) -> tuple[Kind, np.ndarray, np.ndarray, np.ndarray]:
     """A kind prepared for random rows, their points (N, 3), rotations (N, 3, 3), and unknowns (P, u)."""
     names = tuple("abc")
     position, R = rng.uniform(-1, 1, (ROWS, 3)), Rotation.from_quat(rng.normal(size=(ROWS, 4))).as_matrix()
     kind = replace(listed.of(SAID, names), names=names)
+    kind = kind.in_own_frame() if framed else kind
     kind = kind.prepared(seen_by(position, R, np.zeros((PLACES, 0))), np.ones(3, dtype=bool), UP)
     return kind, position, R, rng.uniform(-0.2, 0.2, (PLACES, kind.width))
 
@@ -57,10 +59,13 @@ def small_turn(w: np.ndarray) -> np.ndarray:
     return np.eye(3) + W + W @ W / 2
 
 
-@pytest.mark.parametrize("listed", [*(kind for kind in KINDS if not kind.second_label), FramedPosition, FramedPose])
-def test_derivatives_are_those_of_differences(listed: type[Kind]) -> None:
+@pytest.mark.parametrize(
+    ("listed", "framed"),
+    [*((kind, False) for kind in KINDS if not kind.second_label), (Position, True), (Pose, True)],
+)
+def test_derivatives_are_those_of_differences(listed: type[Kind], framed: bool) -> None:
     rng = np.random.default_rng(3)
-    kind, position, R, values = a_kind(listed, rng)
+    kind, position, R, values = a_kind(listed, framed, rng)
     h, n, seen = 1e-6, 6, readings_of(kind, position, R, values)
 
     def reading(shift: np.ndarray, turn: np.ndarray, more: np.ndarray) -> np.ndarray:

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.measurements.row_inputs import inputs_of
-from posture_opt.measurements.thinning import thin, thin_each_robot
+from posture_opt.measurements.measurements import inputs_of
+from posture_opt.measurements.repeats import thin, thin_each_robot
 from tests.helpers.free_arms import TWO, problem_of, rows
 
 

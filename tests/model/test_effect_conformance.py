@@ -19,7 +19,7 @@ import pytest
 import yaml
 
 import posture_opt as po
-from posture_opt.calibration.assumptions.geometric_deviation import GeometricDeviation
+from posture_opt.calibration.assumptions.contradictions import GeometricDeviation
 from posture_opt.calibration.estimation.parameters import Parameter
 from posture_opt.diagnosis.causes.causes import Finding
 from posture_opt.model.arm_state import ArmState
@@ -195,7 +195,6 @@ def test_words_are_whole_and_sizes_have_units(cls: type[Effect], sites: Any) -> 
                 assert not headline or re.search(UNITS, headline), headline
             assert effect.stated_words.startswith(effect.title)
             assert re.search(r"\d", effect.stated_words)
-            assert effect.for_planning == (effect.planning_note(kept=False) == "")
 
 
 def test_every_cause_has_words_of_its_own(sites: Any) -> None:
@@ -204,7 +203,7 @@ def test_every_cause_has_words_of_its_own(sites: Any) -> None:
     assert len({entry.words for entry, _ in entries}) == len(entries)
     assert len({entry.label for entry, _ in entries}) == len(entries)
     for entry, sizes in entries:
-        texts = [entry.words, entry.label, entry.summary, entry.planning_note(True), *map(str, entry.sizes(sizes))]
+        texts = [entry.words, entry.label, entry.summary, *map(str, entry.sizes(sizes))]
         for text in texts:
             assert "{" not in text
             assert not any(word in text for word in JARGON), text

@@ -8,8 +8,7 @@ import pytest
 
 import posture_opt as po
 from posture_opt.model.c_rows import LANES
-from posture_opt.model.compiled import BatchFunction
-from posture_opt.model.lane_function import LaneFunction
+from posture_opt.model.compiled import BatchFunction, LaneFunction
 from posture_opt.model.toolchain import find_compiler
 
 needs_compiler = pytest.mark.skipif(not find_compiler(), reason="no C compiler on this machine")

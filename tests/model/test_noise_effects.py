@@ -12,7 +12,6 @@ import yaml
 import posture_opt as po
 from posture_opt.calibration.assumptions.instrument import reading_sigmas, rotation_sigma
 from posture_opt.diagnosis.noise.noise_candidates import score_uneven_noise
-from posture_opt.diagnosis.scores import levels
 from posture_opt.errors import InputError
 from posture_opt.model.effects import CATALOGUE, NOISES, Evidence, NoiseEffect, Rows
 from posture_opt.problem.fitted_problem import calibrated_problem
@@ -201,9 +200,8 @@ def test_what_cannot_be_known_is_said_by_the_kinds_themselves() -> None:
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("loud", [1e-4, 4e-4])
-def test_the_interval_of_named_noise_holds_its_size(loud: float, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_interval_of_named_noise_holds_its_size(loud: float) -> None:
     """120 sets of 100 rows: 95 ± 2 % of the intervals hold the truth."""
-    monkeypatch.setattr(levels, "NOISE_DRAWS", 20)  # the p-value is not asked for
     rng = np.random.default_rng(12)
     robot, N = problem().robot, 100
     inside = {"joint_noise": 0, "range_noise": 0}
@@ -211,11 +209,11 @@ def test_the_interval_of_named_noise_holds_its_size(loud: float, monkeypatch: py
         c, r = 1e4 * rng.normal(size=(2, N, 2)), rng.uniform(0.5, 2.0, N)
         rows = Rows(robot, c, r, 2e-5)
         noise = rng.normal(size=(N, 2)) + loud * rng.normal(size=(N, 1)) * c[1]
-        joint = next(s for s in score_uneven_noise(noise, rows, seed=0) if s.target == "joint2")
+        joint = next(s for s in score_uneven_noise(noise, rows, seed=0, draws=20) if s.target == "joint2")
         inside["joint_noise"] += abs(joint.size - loud) < 1.96 * joint.std
         slope = 1e4 * loud / 4
         noise = rng.normal(size=(N, 2)) * np.exp(slope * (r - r.mean()) / np.ptp(r))[:, None]
-        growth = next(s for s in score_uneven_noise(noise, rows, seed=0) if s.kind == "range_noise")
+        growth = next(s for s in score_uneven_noise(noise, rows, seed=0, draws=20) if s.kind == "range_noise")
         inside["range_noise"] += abs(growth.size - np.expm1(slope)) < 1.96 * growth.std
     assert all(106 <= count <= 120 for count in inside.values()), inside
 

@@ -9,9 +9,8 @@ import pytest
 
 import posture_opt as po
 from posture_opt.model.effects import EFFECTS, Effect, FittedSizes
-from posture_opt.model.effects.base.gear_stiffness import CATALOGUE, least_stiffness
-from posture_opt.model.effects.base.plausible_range import PlausibleRange
-from posture_opt.model.effects.base.rotating_parts import rotating_parts
+from posture_opt.model.effects.base.multiples import rotating_parts
+from posture_opt.model.effects.base.plausible_range import CATALOGUE, PlausibleRange, least_stiffness
 from posture_opt.model.effects.joint_compliance import JointCompliance
 from posture_opt.model.effects.joint_coupling import JointCoupling
 from tests.helpers.effect_cases import SHAPES, instances

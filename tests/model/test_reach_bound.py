@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.model.reach_bound import Shell
+from posture_opt.model.chain import Shell
 
 LONG_TOOL = {"xyz": ["1 m", "1 m", "1 m"], "rpy": ["0 deg", "0 deg", "-45 deg"]}
 

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.problem.load import builtin_problem, problems_folder
+from posture_opt.files import problems_folder
+from posture_opt.problem.load import builtin_problem
 from posture_opt.problem.parts import parse_spec
 from posture_opt.selection.tasks import TASKS
 from tests.helpers import factors

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.problem.load import problems_folder
+from posture_opt.files import problems_folder
 from posture_opt.robot import UrdfRobot
 from posture_opt.uncertainty.spread.spread_function import covariance_c
 from tests.helpers.urdfs import urdf_text

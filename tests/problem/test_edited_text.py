@@ -9,8 +9,7 @@ import pytest
 import yaml
 
 import posture_opt as po
-from posture_opt.problem.edited_text import edited
-from posture_opt.problem.yaml_source import parse_yaml
+from posture_opt.problem.yaml_source import edited, parse_yaml
 
 PROBLEMS = Path(__file__).parents[2] / "problems"
 CELL = (PROBLEMS / "insert_ur10_cell.yaml").read_text(encoding="utf-8")

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from posture_opt.problem.load import problems_folder
+from posture_opt.files import problems_folder
 from tests.helpers import measured_ur10 as arm
 from tests.helpers.command_line import invoke
 from tests.helpers.variants import conformance

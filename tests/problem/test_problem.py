@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 import posture_opt as po
-from posture_opt.problem.load import builtin_names, problems_folder
+from posture_opt.files import builtin_names, problems_folder
 from posture_opt.problem.parts import parse_spec
 from posture_opt.problem.schema import json_schema
 from posture_opt.problem.yaml_source import ProblemDocument, dump_yaml, parse_yaml

@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 import posture_opt as po
-from posture_opt.problem.load import problems_folder
+from posture_opt.files import problems_folder
 from tests.helpers.command_line import invoke
 
 BENCH = problems_folder() / "bench_arm.urdf"

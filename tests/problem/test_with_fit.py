@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 import posture_opt as po
+from posture_opt.files import problems_folder
 from posture_opt.model.effects import Backlash, JointCompliance, JointNoise
 from posture_opt.problem.fitted_problem import batch_uncertainty
-from posture_opt.problem.load import load_builtin, problems_folder
-from posture_opt.selection.fitted_arm import FittedArm
+from posture_opt.problem.load import load_builtin
+from posture_opt.selection.problem_data import FittedArm
 from posture_opt.uncertainty.sources.sources import Sources
 from tests.helpers.same_problem import assert_same_numbers, written
 from tests.helpers.variants import conformance

@@ -7,9 +7,10 @@ import pytest
 
 import posture_opt as po
 from posture_opt.collision.facets import cylinder_facets, tapered_facets
+from posture_opt.files import preset_names
 from posture_opt.report.scene.arm_geometry import ArmGeometry, ErrorRegion
 from posture_opt.report.scene.arm_solids import ArmSolids
-from posture_opt.robot.preset import load_preset, preset_names
+from posture_opt.robot.preset import load_preset
 
 
 def volume(faces: np.ndarray) -> float:

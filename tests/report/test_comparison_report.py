@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from posture_opt.report.parts.comparison_parts import comparison_blocks, comparison_table, distinct_columns
+from posture_opt.report.parts.model_tables import comparison_blocks, comparison_table, distinct_columns
 from posture_opt.report.text.blocks import Table
-from posture_opt.selection.comparison.comparison import ComparedAnswer, Comparison
-from posture_opt.selection.comparison.comparison_statements import plan_statements
+from posture_opt.selection.comparison.comparison import ComparedAnswer, Comparison, plan_statements
 from posture_opt.selection.comparison.predicted_error import JudgedAnswer, PostureDistance, PredictedError
 from posture_opt.statements import Quantity, Statement
 from posture_opt.uncertainty.spread.spread_parts import SpreadParts

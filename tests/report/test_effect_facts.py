@@ -11,7 +11,7 @@ import posture_opt as po
 from posture_opt.model.effects import CATALOGUE, EFFECTS
 from posture_opt.problem.problem import Problem
 from posture_opt.report.parts.parts import effect_facts, input_facts
-from posture_opt.report.text.words import source_size, source_words
+from posture_opt.uncertainty.sources.sources import source_size, source_words
 from posture_opt.units import DIMENSIONS, shown
 from tests.helpers.command_line import invoke
 

@@ -14,7 +14,8 @@ from matplotlib.lines import Line2D
 from matplotlib.text import Text
 
 import posture_opt as po
-from posture_opt.problem.load import load_builtin, problems_folder
+from posture_opt.files import problems_folder
+from posture_opt.problem.load import load_builtin
 from posture_opt.report.page.style import FONT, WIDTH
 from posture_opt.report.scene import shaded_picture
 from posture_opt.result import Result

@@ -11,16 +11,17 @@ from matplotlib.text import Text
 
 import posture_opt as po
 from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent
-from posture_opt.problem.load import load_builtin, problems_folder
-from posture_opt.report.figures.accuracy_map import plot_spread_map
+from posture_opt.files import problems_folder
+from posture_opt.problem.load import load_builtin
 from posture_opt.report.figures.bench import _name
 from posture_opt.report.figures.diagnosis_curves import _left_by_side
 from posture_opt.report.figures.spread_check import plot_reliability
+from posture_opt.report.figures.target_map import plot_spread_map
 from posture_opt.report.page.style import image
-from posture_opt.report.parts.budget_parts import budget_block
+from posture_opt.report.parts.task_parts import budget_block
 from posture_opt.report.scene.arm_figure import shortened
 from posture_opt.report.text.blocks import Table
-from posture_opt.uncertainty.spread.budget_groups import ShareGroup
+from posture_opt.uncertainty.spread.budget import ShareGroup
 
 
 @pytest.fixture(scope="module")

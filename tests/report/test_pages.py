@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.report.page import library, presenter
-from posture_opt.report.page.page import Page
+from posture_opt.report.page import presenter
+from posture_opt.report.page.page import Page, packed
 from posture_opt.report.text.blocks import Block, Document, Facts, Table
 from tests.helpers.browser import Browser, browser
 
@@ -222,8 +222,8 @@ def test_without_the_library_the_page_says_what_brings_it(monkeypatch: pytest.Mo
 
 def test_what_a_page_packs_is_the_same_every_time_and_comes_out_again() -> None:
     text = "<script> é "
-    assert gzip.decompress(base64.b64decode(library.packed(text))).decode() == text
-    assert library.packed(text) == library.packed(text)
+    assert gzip.decompress(base64.b64decode(packed(text))).decode() == text
+    assert packed(text) == packed(text)
 
 
 @pytest.mark.browser

@@ -16,15 +16,16 @@ import pytest
 
 import posture_opt as po
 from posture_opt.errors import NoSolutionError
-from posture_opt.report.figures.arm import plot_solution, plot_spread
 from posture_opt.report.figures.cloud import plot_cloud, plot_cross_section
 from posture_opt.report.figures.solution import plot_budget, plot_joint_map
 from posture_opt.report.page.save import OWN_FILES
 from posture_opt.report.page.style import image
+from posture_opt.report.scene.arm_figure import plot_solution, plot_spread
 from posture_opt.report.scene.arm_geometry import ErrorRegion, enlargement
-from posture_opt.report.text.words import roll_pitch_yaw, source_words
+from posture_opt.report.text.words import roll_pitch_yaw
 from posture_opt.statements import Quantity, notation
 from posture_opt.uncertainty.simulation.cloud import cloud_of
+from posture_opt.uncertainty.sources.sources import source_words
 from posture_opt.units import plus_minus
 from tests.helpers import factors
 from tests.helpers.folders import names as names_in

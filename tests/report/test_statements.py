@@ -11,11 +11,10 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.collision.scene import Scene
-from posture_opt.collision.scene_statements import scene_statements
-from posture_opt.report.text.lead import fits, lead
+from posture_opt.collision.scene import Scene, scene_statements
+from posture_opt.report.text.blocks import fits, lead
 from posture_opt.result import Result
-from posture_opt.selection.paths.path_breaks import PathBreak
+from posture_opt.selection.paths.motion import PathBreak
 from posture_opt.selection.search.relaxation import Reason, Relaxation
 from posture_opt.statements import Statement, every_entry, state
 from tests.helpers.every_result import MADE

@@ -16,7 +16,7 @@ from posture_opt.changes.what_changed import GrossRow
 from posture_opt.report.text.blocks import Document
 from posture_opt.statements import every_entry, state
 from posture_opt.uncertainty.moments.second_order import Validity
-from posture_opt.validation.trends import Sides, Trend
+from posture_opt.validation.model_errors import Sides, Trend
 from tests.helpers.every_result import MADE, PROBLEMS
 
 QUOTED = {"changes.inspect", "experiments.inseparable"}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from posture_opt.report.text.text_table import text_table
+from posture_opt.report.text.text import text_table
 
 HEADERS = ("joint", "value [deg]", "left to the nearer limit [deg]")
 ROWS = [("shoulder_lift", "-124.77", "235.2"), ("elbow", "8.9", "")]

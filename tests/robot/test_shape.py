@@ -9,7 +9,7 @@ import pytest
 
 import posture_opt as po
 from posture_opt.robot import Capsule, DhRobot, UrdfRobot, load_preset
-from posture_opt.robot.link_capsules import along_links
+from posture_opt.robot.shape_section import along_links
 from tests.helpers.capsules import from_segment, in_the_world
 from tests.helpers.factors import elementary, frame, random_postures
 from tests.helpers.pin import BARE, robots_folder

@@ -10,7 +10,7 @@ import pytest
 import posture_opt as po
 from posture_opt.robot.urdf import UrdfRobot
 from posture_opt.robot.urdf_reader import read_urdf
-from posture_opt.robot.urdf_tip import chosen_tip
+from posture_opt.robot.urdf_tree import chosen_tip
 from tests.helpers.pin import robots_folder
 
 ARM = tuple((f"j{k}", "revolute", f"l{k - 1}", f"l{k}", "-2 2", "") for k in range(1, 7))

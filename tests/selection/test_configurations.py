@@ -10,7 +10,7 @@ import pytest
 
 import posture_opt as po
 from posture_opt.robot.preset import load_preset
-from posture_opt.selection.answer.configurations import configurations
+from posture_opt.selection.answer.other_postures import configurations
 from tests.helpers.factors import frame, pose
 from tests.helpers.planar_2r import postures_at
 

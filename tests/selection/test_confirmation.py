@@ -10,9 +10,9 @@ import pytest
 import posture_opt as po
 from posture_opt.robot.preset import load_preset
 from posture_opt.selection.answer import selector
-from posture_opt.selection.answer.confirmation_statement import confirmed as statements_of
-from posture_opt.selection.search.confirmation import Confirmation
-from posture_opt.selection.search.confirmed_posture import confirmed
+from posture_opt.selection.answer.solution_statements import confirmed as statements_of
+from posture_opt.selection.search.engine import Confirmation
+from posture_opt.selection.search.search_outcome import confirmed
 from tests.helpers.said import said
 from tests.helpers.variants import conformance
 

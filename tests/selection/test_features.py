@@ -12,11 +12,11 @@ import pytest
 
 import posture_opt as po
 from posture_opt.errors import InputError, NoSolutionError
-from posture_opt.problem.load import load_problem, problems_folder
+from posture_opt.files import problems_folder
+from posture_opt.problem.load import load_problem
 from posture_opt.problem.problem import Problem
-from posture_opt.selection.comparison.compare import compare_plans
 from posture_opt.selection.select_posture import planned_posture
-from posture_opt.selection.stations.placement_relaxation import turned_feasible
+from posture_opt.selection.stations.features_failure import turned_feasible
 from tests.helpers import factors
 from tests.helpers.changes import changed
 from tests.helpers.variants import conformance
@@ -262,7 +262,7 @@ def test_the_worst_feature_stands_for_all_where_one_posture_is_asked_for() -> No
     problem, found = solved("insert_scara_tray")
     posture = planned_posture(problem)
     assert posture.critical.sigma_max == pytest.approx(found.sigmas.max(), rel=1e-6)
-    compared = compare_plans({"nominal": problem, "calibrated": replace(problem, name="calibrated")})
+    compared = po.compare_plans({"nominal": problem, "calibrated": replace(problem, name="calibrated")})
     assert compared is not None
     chosen = compared.answered["calibrated"]
     (solution,), predicted_error = chosen.stations, chosen.judged["calibrated"].worst

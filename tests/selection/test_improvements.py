@@ -10,7 +10,6 @@ import pytest
 import posture_opt as po
 from posture_opt.errors import NoSolutionError
 from posture_opt.selection.answer.improvements import CalibratedArm, HalvedSigma, MovedPart
-from posture_opt.selection.answer.solution import Solution
 from tests.helpers.said import said
 from tests.helpers.variants import conformance
 
@@ -21,13 +20,13 @@ PLANAR = {
 }
 
 
-def solved(data: dict) -> Solution:
+def solved(data: dict) -> po.Solution:
     found = po.select_posture(po.problem_from_dict(data))
-    assert isinstance(found, Solution)
+    assert isinstance(found, po.Solution)
     return found
 
 
-def change_of(solution: Solution, kind: type) -> list:
+def change_of(solution: po.Solution, kind: type) -> list:
     return [change for change in solution.improvements if isinstance(change, kind)]
 
 
@@ -124,7 +123,7 @@ def test_scatter_alone_is_not_calibrated_away():
 @pytest.mark.parametrize("name", conformance(["insert_scara", "insert_panda_cell"], ["insert_scara"]))
 def test_a_new_solve_at_the_other_place_finds_the_same(name: str):
     solution = po.select_posture(po.load_problem(name))
-    assert isinstance(solution, Solution)
+    assert isinstance(solution, po.Solution)
     (told,) = change_of(solution, MovedPart)
     moved = solution.target.lower + np.array(told.shift)
     there = po.PostureSelector(solution.problem, compiled=False).solve(position=moved)

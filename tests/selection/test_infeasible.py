@@ -13,7 +13,6 @@ import pytest
 import posture_opt as po
 from posture_opt.errors import NoSolutionError
 from posture_opt.selection.answer.infeasible import Infeasibility
-from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.search.relaxation import shown_apart
 from posture_opt.selection.terms import TERMS
 from tests.helpers import brute_force
@@ -57,11 +56,11 @@ def asked(robot: str, position: list[float], **task: Any) -> dict[str, Any]:
     }
 
 
-def refused(data: dict[str, Any]) -> Solution:
+def refused(data: dict[str, Any]) -> po.Solution:
     with pytest.raises(NoSolutionError) as caught:
         po.select_posture(po.problem_from_dict(data))
     solution = caught.value.solution
-    assert isinstance(solution, Solution)
+    assert isinstance(solution, po.Solution)
     document = json.loads(json.dumps(solution.to_json(), allow_nan=False))
     assert len(document["relaxations"]) == len(solution.relaxations) > 0
     costs = [relaxation.cost for relaxation in solution.relaxations]
@@ -69,7 +68,7 @@ def refused(data: dict[str, Any]) -> Solution:
     return solution
 
 
-def assert_all_do(data: dict[str, Any], solution: Solution) -> None:
+def assert_all_do(data: dict[str, Any], solution: po.Solution) -> None:
     """Every change that is offered makes the problem one that is solved, by the public way."""
     for relaxation in solution.relaxations:
         solved = po.select_posture(changed(po.problem_from_dict(data), relaxation))

@@ -14,8 +14,7 @@ from click.testing import Result
 import posture_opt as po
 from posture_opt.errors import InputError, NoSolutionError
 from posture_opt.problem.load import load_builtin
-from posture_opt.selection.maps.target_map import TargetMap, map_targets
-from posture_opt.uncertainty.regions.coverage_radius import central_radii, radius_in_space
+from posture_opt.uncertainty.regions.clearance import central_radii, radius_in_space
 from tests.helpers.command_line import invoke
 from tests.helpers.folders import names as names_in
 
@@ -63,12 +62,12 @@ def written_problem(folder: Path, data: dict[str, Any]) -> Path:
 
 
 @pytest.fixture(scope="module")
-def two_links() -> TargetMap:
+def two_links() -> po.TargetMap:
     problem = po.problem_from_dict(planar())
-    return map_targets(problem, counts=(11, 9), low=(-1.8, -1.2, 0), high=(1.8, 1.5, 0))
+    return po.map_targets(problem, counts=(11, 9), low=(-1.8, -1.2, 0), high=(1.8, 1.5, 0))
 
 
-def test_every_target_has_the_better_of_both_elbows(two_links: TargetMap) -> None:
+def test_every_target_has_the_better_of_both_elbows(two_links: po.TargetMap) -> None:
     points = two_links.grid.points
     assert points.shape == (99, 3)
     np.testing.assert_allclose(np.unique(points[:, 0]), np.linspace(-1.8, 1.8, 11))
@@ -88,7 +87,7 @@ def test_every_target_has_the_better_of_both_elbows(two_links: TargetMap) -> Non
     assert not two_links.feasible[beyond | within].any()
 
 
-def test_best_worst_and_own_place(two_links: TargetMap) -> None:
+def test_best_worst_and_own_place(two_links: po.TargetMap) -> None:
     brute = {
         tuple(p): min((sigma_x(*q) for q in elbows(*p[:2])), default=np.nan) for p in two_links.grid.points.tolist()
     }
@@ -102,7 +101,7 @@ def test_best_worst_and_own_place(two_links: TargetMap) -> None:
 def test_what_is_reached_but_not_allowed_is_told_apart() -> None:
     limit = np.radians(120)
     problem = po.problem_from_dict(planar(subject_to=[{"kind": "limit_margin", "at_least": "60 deg"}]))
-    found = map_targets(problem, counts=(8, 8), low=(-1.55, -1.5, 0), high=(1.6, 1.45, 0))
+    found = po.map_targets(problem, counts=(8, 8), low=(-1.55, -1.5, 0), high=(1.6, 1.45, 0))
     statuses = []
     for point, map_point in zip(found.grid.points, found.map_points, strict=True):
         postures = elbows(*point[:2])
@@ -117,14 +116,14 @@ def test_what_is_reached_but_not_allowed_is_told_apart() -> None:
 def test_the_answer_does_not_depend_on_the_workers() -> None:
     problem = po.problem_from_dict(planar())
     where: dict[str, Any] = {"counts": (8, 8), "low": (-1.8, -1.5, 0), "high": (1.8, 1.5, 0)}
-    alone, shared = (map_targets(problem, workers=n, **where) for n in (1, 2))
+    alone, shared = (po.map_targets(problem, workers=n, **where) for n in (1, 2))
     np.testing.assert_array_equal(alone.postures, shared.postures)
 
 
 @pytest.mark.conformance
 def test_a_spatial_map_is_as_good_as_thorough_solves() -> None:
     problem = load_builtin("insert_ur10")
-    found = map_targets(problem, counts=(3, 2), low=(0.45, -0.2, 0.1), high=(0.95, 0.3, 0.1))
+    found = po.map_targets(problem, counts=(3, 2), low=(0.45, -0.2, 0.1), high=(0.95, 0.3, 0.1))
     assert found.feasible.all()
     for k in (0, 5):
         point = [f"{v} m" for v in found.grid.points[k]]
@@ -139,16 +138,16 @@ def test_a_spatial_map_is_as_good_as_thorough_solves() -> None:
 @pytest.mark.long
 def test_a_grid_lies_across_the_direction_or_where_it_is_asked_to() -> None:
     problem = load_builtin("insert_scara")
-    across = map_targets(problem, counts=(3, 3))
+    across = po.map_targets(problem, counts=(3, 3))
     assert across.grid.aligned
     np.testing.assert_allclose(across.grid.points[:, 2], -0.08)
     np.testing.assert_allclose(across.grid.points.mean(axis=0), [0.2, 0.15, -0.08])
-    upright = map_targets(problem, counts=(2, 1, 3), low=(0.2, 0.15, -0.12), high=(0.24, 0.15, -0.04))
+    upright = po.map_targets(problem, counts=(2, 1, 3), low=(0.2, 0.15, -0.12), high=(0.24, 0.15, -0.04))
     np.testing.assert_allclose(np.unique(upright.grid.points[:, 2]), [-0.12, -0.08, -0.04])
     np.testing.assert_array_equal(upright.grid.axes, np.eye(3)[[0, 2, 1]])
-    layers = map_targets(problem, counts=(2, 3, 2), low=(0.2, 0.1, -0.12), high=(0.24, 0.16, -0.04))
+    layers = po.map_targets(problem, counts=(2, 3, 2), low=(0.2, 0.1, -0.12), high=(0.24, 0.16, -0.04))
     assert layers.grid.shape == (2, 3, 2)
-    line = map_targets(problem, counts=(1, 1, 4), low=(0.2, 0.15, -0.12), high=(0.2, 0.15, -0.04))
+    line = po.map_targets(problem, counts=(1, 1, 4), low=(0.2, 0.15, -0.12), high=(0.2, 0.15, -0.04))
     assert line.grid.shape == (1, 1, 4)
     for found in (across, upright, layers, line):
         assert found.plot().axes
@@ -157,18 +156,18 @@ def test_a_grid_lies_across_the_direction_or_where_it_is_asked_to() -> None:
 @pytest.mark.long
 def test_an_oblique_direction_has_its_own_plane() -> None:
     problem = load_builtin("insert_ur10").with_task(direction=[1, 0, -1], position=["0.6 m", "0.2 m", "0.3 m"])
-    found = map_targets(problem, counts=(3, 3), compiled=False)
+    found = po.map_targets(problem, counts=(3, 3), compiled=False)
     offset = found.grid.points - [0.6, 0.2, 0.3]
     np.testing.assert_allclose(offset @ [1, 0, -1], 0, atol=1e-12)
     assert np.linalg.matrix_rank(offset) == 2
     assert found.plot().axes
     with pytest.raises(InputError, match="--plane"):
-        map_targets(problem, counts=(3, 3, 3))
+        po.map_targets(problem, counts=(3, 3, 3))
 
 
 def test_nothing_in_reach_has_no_map() -> None:
     with pytest.raises(NoSolutionError, match="none of the 4 targets"):
-        map_targets(po.problem_from_dict(planar()), counts=(2, 2), low=(2, 2, 0), high=(3, 3, 0))
+        po.map_targets(po.problem_from_dict(planar()), counts=(2, 2), low=(2, 2, 0), high=(3, 3, 0))
 
 
 @pytest.mark.parametrize(
@@ -181,7 +180,7 @@ def test_nothing_in_reach_has_no_map() -> None:
 )
 def test_another_plane_than_that_of_the_arm_is_refused(task: dict[str, Any], box: dict[str, Any]) -> None:
     with pytest.raises(NoSolutionError, match="100 mm outside the plane that this arm moves in"):
-        map_targets(po.problem_from_dict(planar(**task)), counts=(3, 3), compiled=False, **box)
+        po.map_targets(po.problem_from_dict(planar(**task)), counts=(3, 3), compiled=False, **box)
 
 
 def test_the_command_writes_table_document_and_figure(tmp_path: Path) -> None:

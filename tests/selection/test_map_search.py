@@ -10,9 +10,8 @@ import pytest
 
 import posture_opt as po
 from posture_opt.problem.load import load_builtin
-from posture_opt.selection.maps.map_neighbours import BaseMotion, Neighbourhood
+from posture_opt.selection.maps.map_exchange import BaseMotion, Neighbourhood
 from posture_opt.selection.maps.map_points import NeighbourSolves
-from posture_opt.selection.maps.target_map import TargetMap, map_targets
 from tests.helpers.variants import conformance
 
 AGREES = 1.005  # times σ: what nobody sees in a map
@@ -56,7 +55,7 @@ MAPS: dict[str, tuple[Any, dict[str, Any]]] = {
 def test_targets_are_as_good_as_direct_searches(arm: str) -> None:
     build, where = MAPS[arm]
     problem = build()
-    found = map_targets(problem, **{"counts": (7, 6), **where})
+    found = po.map_targets(problem, **{"counts": (7, 6), **where})
     selector = po.PostureSelector(problem)
     criterion = selector.task.criterion
     feasible = np.flatnonzero(found.feasible)
@@ -76,7 +75,7 @@ def test_the_worst_place_of_the_panda_is_no_false_optimum() -> None:
     """Beyond a radius of 786 mm a branch is best that few random starts arrive at."""
     line = {"counts": (10, 1, 1), "low": (0.76, 0, 0.2), "high": (0.805, 0, 0.2)}
     problem = load_builtin("insert_panda")
-    found = map_targets(problem, **line)
+    found = po.map_targets(problem, **line)
     assert found.feasible.tolist() == [True] * 9 + [False]
     # Direct search with 1000 starts and 60 local solves.
     direct = 1e-3 * np.array([0.03801, 0.03812, 0.03822, 0.03829, 0.03833, 0.03832, 0.0366, 0.03653, 0.03644])
@@ -86,7 +85,7 @@ def test_the_worst_place_of_the_panda_is_no_false_optimum() -> None:
 
 def test_targets_that_joint_1_turns_onto_each_other_agree() -> None:
     problem = load_builtin("insert_panda")
-    found = map_targets(problem, counts=(9, 9), low=(-0.8, -0.8, 0.2), high=(0.8, 0.8, 0.2))
+    found = po.map_targets(problem, counts=(9, 9), low=(-0.8, -0.8, 0.2), high=(0.8, 0.8, 0.2))
     motion = BaseMotion.of(problem.arm)
     kept, azimuth = motion.split(found.grid.points)
     radius = kept[:, 0]
@@ -131,7 +130,7 @@ def test_joint_1_stays_within_its_limits() -> None:
 
 
 def square(count: int) -> tuple[np.ndarray, list[tuple[np.ndarray, np.ndarray]]]:
-    found: TargetMap = map_targets(
+    found: po.TargetMap = po.map_targets(
         load_builtin("insert_scara"), counts=(count, count), low=(-0.3, -0.3, -0.08), high=(0.3, 0.3, -0.08)
     )
     return found.grid.points, list(found.grid.neighbours)
@@ -168,7 +167,7 @@ def test_what_stands_out() -> None:
 
 
 def test_the_report_says_what_neighbours_gave() -> None:
-    found = map_targets(load_builtin("insert_scara"), counts=(2, 2), low=(0.2, 0, -0.08), high=(0.3, 0.1, -0.08))
+    found = po.map_targets(load_builtin("insert_scara"), counts=(2, 2), low=(0.2, 0, -0.08), high=(0.3, 0.1, -0.08))
     text = replace(found, solves=NeighbourSolves(5, 1, 0.03, 2)).report()
     assert "5 targets solved again, 1 improved by up to 3.0 %" in text
     assert "Only from a neighbour 2 targets" in " ".join(text.split())

@@ -7,8 +7,7 @@ import pytest
 
 import posture_opt as po
 from posture_opt.errors import NoSolutionError
-from posture_opt.export.robot_program import answer_program
-from posture_opt.problem.load import problem_from_dict
+from tests.export.programs import answer_program
 from tests.helpers.brute_force import in_the_world
 from tests.helpers.cells import POST, TABLE
 from tests.helpers.said import said
@@ -27,7 +26,7 @@ def problem_of(preset, position=None, cell=None, robot=None, **task):
         "uncertainty": {"repeatability": "0.1 mm"},
         "task": {"kind": "insert", **({} if position is None else {"position": [f"{v} m" for v in position]}), **task},
     }
-    return problem_from_dict({**document, **({} if cell is None else {"cell": cell})})
+    return po.problem_from_dict({**document, **({} if cell is None else {"cell": cell})})
 
 
 def heights(problem, q):
@@ -146,7 +145,7 @@ def dh_ur5(cell=None):
     joints = [{"name": f"J{i + 1}", "a": f"{a[i]} m", "d": f"{d[i]} m", "alpha": f"{alpha[i]} deg"} for i in range(6)]
     task = {"kind": "insert", "position": ["0.4 m", "0.2 m", "0.2 m"], "direction": [0, 0, -1]}
     document = {"robot": {"kind": "dh", "joints": joints}, "uncertainty": {"repeatability": "0.1 mm"}, "task": task}
-    return problem_from_dict(document if cell is None else {**document, "cell": cell})
+    return po.problem_from_dict(document if cell is None else {**document, "cell": cell})
 
 
 def test_an_elbow_below_the_base_is_said_where_nothing_tells_what_the_arm_stands_on() -> None:

@@ -13,7 +13,6 @@ from posture_opt.model.arm import Arm
 from posture_opt.problem.problem import Problem
 from posture_opt.robot.corrections import deviated
 from posture_opt.selection.comparison import compare
-from posture_opt.selection.comparison.compare import compare_plans
 from posture_opt.selection.comparison.predicted_error import JudgedAnswer, judged_answer
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.uncertainty.sources.sources import Sources
@@ -40,7 +39,7 @@ def models() -> dict[str, Problem]:
 
 
 def test_the_last_model_judges_every_posture(models: dict[str, Problem]) -> None:
-    found = compare_plans(models)
+    found = po.compare_plans(models)
     assert found is not None
     assert found.reference == "calibrated"
     nominal = found.answered["nominal"]
@@ -67,7 +66,7 @@ def test_judgements_are_made_when_they_are_asked_for(
         return judged_answer(problem, *others)
 
     monkeypatch.setattr(compare, "judged_answer", judged)
-    found = compare_plans(models)
+    found = po.compare_plans(models)
     assert found is not None
     assert not asked
     found.to_json()
@@ -84,7 +83,7 @@ def test_judgements_are_made_when_they_are_asked_for(
 def test_a_model_without_scatter_takes_that_of_the_reference(models: dict[str, Problem]) -> None:
     silent = replace(models["nominal"], sources=Sources())
     with_own, without = (
-        compare_plans({**models, "nominal": nominal}) for nominal in (models["nominal"], silent)
+        po.compare_plans({**models, "nominal": nominal}) for nominal in (models["nominal"], silent)
     )  # fmt: skip
     assert with_own is not None
     assert without is not None
@@ -93,17 +92,17 @@ def test_a_model_without_scatter_takes_that_of_the_reference(models: dict[str, P
 
 def test_why_a_model_has_no_posture_is_told_once_with_the_hint(models: dict[str, Problem]) -> None:
     far = {name: model.with_task(position=["3 m", "0 m", "0 m"]) for name, model in models.items()}
-    found = compare_plans(far, hint="the world is elsewhere")
+    found = po.compare_plans(far, hint="the world is elsewhere")
     assert found is not None
     assert not found.answered
     assert found.reasons[0].startswith("the target is out of reach")
     assert found.reasons[1:] == ("the world is elsewhere",)
     assert found.to_json()["nominal"] is None
-    only_one = compare_plans({"nominal": far["nominal"], "calibrated": models["calibrated"]})
+    only_one = po.compare_plans({"nominal": far["nominal"], "calibrated": models["calibrated"]})
     assert only_one is not None
     assert list(only_one.answered) == ["calibrated"]
     assert only_one.reasons == found.reasons[:1]
 
 
 def test_without_a_task_nothing_is_compared() -> None:
-    assert compare_plans({"nominal": problem(task=None)}) is None
+    assert po.compare_plans({"nominal": problem(task=None)}) is None

@@ -12,7 +12,6 @@ import pytest
 
 import posture_opt as po
 from posture_opt.robot.preset import load_preset
-from posture_opt.selection.answer.solution import Solution
 from tests.helpers.variants import conformance
 
 DEGREE = math.radians(1.0)
@@ -63,7 +62,7 @@ CASES: dict[str, tuple[dict[str, Any], dict[str, Callable[[dict[str, Any], float
 }  # fmt: skip
 
 
-def solved(data: dict[str, Any], starts: int | None = None) -> Solution:
+def solved(data: dict[str, Any], starts: int | None = None) -> po.Solution:
     return po.PostureSelector(po.problem_from_dict(data), compiled=False).solve(starts=starts, confirm=starts is None)
 
 

@@ -7,7 +7,6 @@ import pytest
 
 import posture_opt as po
 from posture_opt.errors import NoSolutionError
-from posture_opt.selection.answer.selector import PostureSelector
 from tests.helpers.variants import conformance
 
 SIGMA = (1e-4, 3e-4)  # rad
@@ -24,7 +23,7 @@ def test_it_finds_what_a_fine_grid_finds_in_a_region() -> None:
             "task": {"kind": "insert", "direction": [0, -1, 0], "region": {"min": low, "max": high}},
         }
     )
-    found = PostureSelector(problem, compiled=False).solve_to_compare()
+    found = po.PostureSelector(problem, compiled=False).solve_to_compare()
     angles = np.linspace(-np.pi, np.pi, 721)
     q1, q2 = np.meshgrid(angles, angles, indexing="ij")
     x, y = np.cos(q1) + np.cos(q1 + q2), np.sin(q1) + np.sin(q1 + q2)
@@ -46,7 +45,7 @@ FILES = [
 @pytest.mark.parametrize("name", conformance(FILES, ["drill_ur5e"]))
 def test_it_is_as_good_as_the_certified_answer(name: str) -> None:
     problem = po.load_problem(name)
-    certified, compared = po.select_posture(problem), PostureSelector(problem, compiled=False).solve_to_compare()
+    certified, compared = po.select_posture(problem), po.PostureSelector(problem, compiled=False).solve_to_compare()
     assert compared.critical.sigma_max == pytest.approx(certified.critical.sigma_max, rel=1e-6)
     assert compared.status == certified.status == "optimal"
 
@@ -54,7 +53,7 @@ def test_it_is_as_good_as_the_certified_answer(name: str) -> None:
 def test_a_target_out_of_reach_has_the_reasons_of_the_certified_search() -> None:
     problem = po.load_problem("insert_planar_2r_measured").with_task(position=["3 m", "0 m", "0 m"])
     with pytest.raises(NoSolutionError) as compared:
-        PostureSelector(problem, compiled=False).solve_to_compare()
+        po.PostureSelector(problem, compiled=False).solve_to_compare()
     with pytest.raises(NoSolutionError) as certified:
         po.select_posture(problem)
     assert str(compared.value) == str(certified.value)

@@ -11,8 +11,13 @@ from scipy.optimize import minimize_scalar
 
 import posture_opt as po
 from posture_opt.selection.program.task_target import TaskTarget
-from posture_opt.selection.stations.station_function import StationFunction
-from posture_opt.selection.stations.stations_problem import Station, StationsPoint, StationsProblem, StationSteps
+from posture_opt.selection.stations.stations_problem import (
+    Station,
+    StationFunction,
+    StationsPoint,
+    StationsProblem,
+    StationSteps,
+)
 
 W = np.array([0.62, -0.07, 0.11, 0.8])
 HOLES = np.array([[0.05, 0.02, 0.0], [-0.06, 0.03, 0.01], [0.0, -0.08, 0.02]])

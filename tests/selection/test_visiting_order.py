@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from posture_opt.problem.load import problem_from_dict
-from posture_opt.selection.answer.visiting_order import best_order, moves, nearest_turns
+from posture_opt.selection.answer.placement import best_order, moves, nearest_turns
 
 UR10 = problem_from_dict({"robot": {"kind": "preset", "name": "ur10"}}).robot
 SCARA = problem_from_dict({"robot": {"kind": "preset", "name": "scara"}}).robot

@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.robot.joint_ranges import drawn_between
-from posture_opt.selection.answer.selector import PostureSelector
-from posture_opt.selection.search.batches import until_recurrence
+from posture_opt.robot.posture import drawn_between
+from posture_opt.selection.search.multistart import until_recurrence
 from tests.helpers.planar_2r import postures_at
 from tests.helpers.variants import conformance
 
@@ -94,7 +93,7 @@ def test_a_turn_of_the_limits_is_drawn(limits: tuple[float, float], drawn: tuple
     conformance([(0.0, (1,)), (0.0, tuple(range(6))), (120.0, tuple(range(6)))], always=[(0.0, (1,))]),
 )
 def test_where_the_zero_of_a_joint_lies_changes_nothing(shift: float, seeds: Sequence[int]) -> None:
-    selector = PostureSelector(lifted_arm(shift), compiled=None if len(seeds) > 1 else False)
+    selector = po.PostureSelector(lifted_arm(shift), compiled=None if len(seeds) > 1 else False)
     engine = selector.engine(selector.target)
     found = [until_recurrence(engine, selector.target, seed).found[0] for seed in seeds]
     assert [each.sigma for each in found] == pytest.approx([BEST] * len(seeds), rel=2e-3)
@@ -120,7 +119,7 @@ def test_only_turns_that_differ_are_told_apart() -> None:
 
     def unlike(effects: list[dict[str, Any]]) -> tuple[int, ...]:
         document = planar((-360, 360), (-360, 360), position=["0.9 m", "0.4 m", "0 m"]).to_dict()
-        selector = PostureSelector(po.problem_from_dict(document | {"effects": effects}))
+        selector = po.PostureSelector(po.problem_from_dict(document | {"effects": effects}))
         return selector.engine(selector.target).optimisation_problem.nlp.unlike_turns
 
     assert unlike([]) == ()

@@ -12,7 +12,6 @@ import posture_opt as po
 from posture_opt.errors import InputError
 from posture_opt.problem.fitting import uncertainty_section
 from posture_opt.selection.answer.task_objective import task_objective
-from posture_opt.selection.comparison.compare import compare_plans
 from posture_opt.uncertainty.sources.sources import Sources
 from tests.helpers.brute_force import elementary
 
@@ -202,7 +201,7 @@ def test_one_feature_alone_keeps_its_lever(plate):
         uncertainty={"sigma": {"joint1.theta": "0.1 mrad", "joint2.theta": "0.1 mrad"}, **ERRORS},
     )
     both = po.select_posture(planar)
-    found = compare_plans({"nominal": planar, "calibrated": planar})
+    found = po.compare_plans({"nominal": planar, "calibrated": planar})
     assert found.arms["nominal"].judged["calibrated"].sigma_max == pytest.approx(both.sigma_max, rel=1e-4)
     assert {share.parameter: share.share for share in both.budget}["workpiece.angle"] > 0.01
 

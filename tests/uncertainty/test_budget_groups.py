@@ -7,8 +7,7 @@ import pytest
 
 import posture_opt as po
 from posture_opt.uncertainty.sources.sources import Sources
-from posture_opt.uncertainty.spread.budget import budgets
-from posture_opt.uncertainty.spread.budget_groups import SHARE_TOLERANCE
+from posture_opt.uncertainty.spread.budget import SHARE_TOLERANCE, budgets
 from tests.helpers.stated import stated
 
 Q6 = (0.3, -1.0, 1.2, 0.4, 0.7, 0.0)

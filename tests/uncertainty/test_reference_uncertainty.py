@@ -13,8 +13,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from posture_opt.uncertainty.regions.regions import coverage_factor, hotelling_factor, interval_factor
-from posture_opt.uncertainty.simulation.adaptive import adaptive, correlation_matrix, coverage_factors
+from posture_opt.uncertainty.regions.regions import coverage_factor, hotelling_factor
+from posture_opt.uncertainty.simulation.sampler import adaptive, correlation_matrix, coverage_factors
 
 # GUM (JCGM 100:2008) H.2: V [V], I [A], phi [rad], five readings; sandialabs/suncal, test/test_GUMH2.csv.
 READINGS = np.array(
@@ -149,8 +149,7 @@ def test_jcgm_102_9_2(third, sigma, variance, r, kp, kq):
 def test_a_rectangular_input_makes_the_gaussian_factors_too_large():
     found = additive("rectangular", 3.0)
     assert found.kp < coverage_factor(0.95, 2) - 0.1
-    assert found.kq < interval_factor(0.95, 2) - 0.3
-    assert not found.validates([0, 0], [[10, 9], [9, 10]])
+    assert found.kq < 2.2414 - 0.3  # Bonferroni for two Gaussian quantities
 
 
 # r(x), x1, y1, y2, u1, u2, r(y), kp, kq: exact by quadrature; kp and kq from 4e6 trials.
@@ -218,7 +217,6 @@ def test_jcgm_102_9_3_by_first_order(r, x1, u2):
     found = polar(r, x1)
     off = np.abs(deviations(C) - found.uncertainty) / found.uncertainty
     assert (off < 0.03).all() if x1 == 0.100 else (off > 0.05).any()
-    assert found.validates(y, C) is False  # three digits were asked for
 
 
 def test_jcgm_101_9_2_sum_of_four():
@@ -247,12 +245,11 @@ def test_npl_logarithm():
     noise = 4 / math.sqrt(found.n)
     assert found.mean[0] == pytest.approx(-0.665, abs=5e-4 + noise * 0.606)
     assert found.uncertainty[0] == pytest.approx(0.606, abs=5e-4 + noise * 0.606)
-    assert not found.validates(y, C)
 
 
 def test_coverage_factors_of_gaussian_trials_are_those_of_the_tables():
     rng = np.random.default_rng(15)
-    for m in (1, 2, 3, 6):
+    for m, sidak in ((1, 1.9600), (2, 2.2365), (3, 2.3877), (6, 2.6310)):
         kp, kq = coverage_factors(rng.standard_normal((200_000, m)))
         assert kp == pytest.approx(coverage_factor(0.95, m), abs=0.02)  # four standard errors of the quantile
-        assert kq == pytest.approx(interval_factor(0.95, m, "sidak"), abs=0.02)
+        assert kq == pytest.approx(sidak, abs=0.02)

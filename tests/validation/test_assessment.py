@@ -9,8 +9,7 @@ import pytest
 
 import posture_opt as po
 from posture_opt.measurements.measurements import group_means
-from posture_opt.validation.model_errors import block_tests, holm_rejections, mean_test
-from posture_opt.validation.trends import trend_line
+from posture_opt.validation.model_errors import block_tests, holm_rejections, mean_test, trend_line
 from tests.helpers.planar_2r import position, postures_at
 from tests.helpers.real_arms import DATA, needs_real_arms
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.validation.measured_errors import measured_errors
+from posture_opt.validation.accuracy_map import measured_errors
 from tests.helpers.instruments import TrueArm, distance_table
 
 

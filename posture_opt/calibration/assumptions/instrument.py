@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from posture_opt.measurements.kinds.pose_columns import ORIENTATION
+from posture_opt.measurements.kinds.pose import ORIENTATION
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.effects import NoiseEffect
 from posture_opt.numerics import Array, rms
@@ -15,8 +15,6 @@ from posture_opt.selection.problem_data import ProblemData
 
 def reading_sigmas(problem: ProblemData, points: Array) -> Array:
     """(N,) standard deviations of a measured coordinate at points (N, 3) of the world [m]; 0 where none is stated.
-
-    The instrument is at the origin of the world, in which it measures.
 
     Noise effects of the problem change the stated σ with the range of a point, its distance from the origin [m].
     """
@@ -52,10 +50,7 @@ def stated_sigma_of(problem: ProblemData, data: Measurements) -> float:
 
 
 def place_sigmas(problem: ProblemData, data: Measurements) -> dict[str, float]:
-    """σ of a reading at each plane or anchor [m]: that of the file, and what is stated of the place.
-
-    Empty for positions and touched points, of which all have one.
-    """
+    """σ of a reading at each plane or anchor [m]: that of the file, and what is stated of the place."""
     if data.lever is not None and data.part is None:
         return {}
     found = data.kind.sigmas(problem.measurement)
@@ -87,10 +82,7 @@ def further_ratio(problem: ProblemData, used: Mapping[str, float]) -> float:
 
 
 def usable_share(problem: ProblemData) -> float:
-    """The share of measurements that are expected to be no gross errors.
-
-    The product over all outlier effects of the problem; 1 without any.
-    """
+    """The share of measurements that are expected to be no gross errors."""
     return float(np.prod([effect.usable for effect in _noise_effects(problem)]))
 
 
@@ -113,5 +105,4 @@ def _rms_sigma(sigma: Array) -> float:
 
 
 def _noise_effects(problem: ProblemData) -> list[NoiseEffect]:
-    """The effects of the problem that only add scatter."""
     return [effect for effect in problem.effects if isinstance(effect, NoiseEffect)]

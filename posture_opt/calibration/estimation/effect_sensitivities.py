@@ -8,50 +8,36 @@ from functools import cached_property
 import numpy as np
 
 from posture_opt.calibration.estimation.residuals import Residuals, gravity_of
-from posture_opt.measurements.measurements import Measurements
-from posture_opt.measurements.row_inputs import inputs_of
+from posture_opt.measurements.measurements import Measurements, inputs_of
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Walk
 from posture_opt.model.effects import Effect, Excitation
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
 
-_MIN_INPUT_RANGE = {"payload": 0.05, "temperature": 0.3}  # kg, K: less shows nothing
-_MIN_SIDED_SHARE = 0.5  # of the rows must know the side from which their joints arrived
-
 
 def case_of(data: Measurements, robot: Robot) -> Excitation:
-    """What these measurements can show of effects.
-
-    An input counts as varied from `_MIN_INPUT_RANGE` on; the side of arrival where most rows state it and both occur.
-    """
+    """What these measurements can show of effects."""
     state = ArmState(robot, list(data.q.T), inputs_of(data, robot))
-    known = {"time"} if len(data) > 1 else set()
-    for name, least in _MIN_INPUT_RANGE.items():
-        values = getattr(data, name)
-        if values is not None and float(np.ptp(values)) > least:
-            known.add(name)
-    if np.mean(np.any(data.approach != 0, axis=1)) > _MIN_SIDED_SHARE and len(np.unique(np.sign(data.approach))) > 1:
-        known.add("approach")
-    known |= {"masses"} if state.weighed else set()
-    known |= {"speed"} if len(state.inputs.speed) else set()
-    span = tuple(float(v) for v in np.ptp(data.q, axis=0))
+    # 0.05 kg, 0.3 K: less shows nothing
+    inputs = (("payload", data.payload, 0.05), ("temperature", data.temperature, 0.3))
+    known = {name for name, values, least in inputs if values is not None and float(np.ptp(values)) > least}
+    # Half of the rows must know the side from which their joints arrived.
+    sided = np.mean(np.any(data.approach != 0, axis=1)) > 0.5 and len(np.unique(np.sign(data.approach))) > 1
+    shown = {"time": len(data) > 1, "approach": sided, "masses": state.weighed, "speed": len(state.inputs.speed)}
+    known |= {name for name, can in shown.items() if can}
+    span = tuple(float(v) * (not robot.pose_prefix) for v in np.ptp(data.q, axis=0))  # a flange has no joints that err
     times = np.asarray(state.inputs.time, dtype=float)
     oriented = data.kind.oriented or len(np.unique(data.target)) > 1
-    return Excitation(
-        robot, frozenset(known), span, float(np.ptp(times)), tuple(times.tolist()), oriented, data.touches
-    )
+    duration = float(np.ptp(times))
+    return Excitation(robot, frozenset(known), span, duration, tuple(times.tolist()), oriented, data.touches)
 
 
 @dataclass(frozen=True, eq=False)
 class EffectSensitivities:
-    """Columns of effects at the arm ``x`` (k,) of ``residuals``, laid out as the rows of its Jacobian.
+    """Columns of effects at the arm ``x`` (k,) of ``residuals``, laid out as the rows of its Jacobian."""
 
-    Args:
-        residuals: the arm against N rows; x: (k,) its deviations from nominal [rad, m].
-    """
-
-    residuals: Residuals
+    residuals: Residuals  # the arm against N rows; x: (k,) its deviations from nominal [rad, m]
     x: Array
 
     @cached_property
@@ -62,10 +48,8 @@ class EffectSensitivities:
     @cached_property
     def state(self) -> ArmState:
         """The arm at all rows with its loads: the file's links, on the base and with the tool that were found."""
-        data, robot = self.residuals.data, self.residuals.robot
-        frames = self.residuals.frames(self.x)
-        upright = replace(robot, gravity=gravity_of(robot, frames))
-        q = list(data.q.T)
+        robot, frames = self.residuals.robot, self.residuals.frames(self.x)
+        upright, q = replace(robot, gravity=gravity_of(robot, frames)), list(self.residuals.data.q.T)
         return ArmState(upright, q, self.residuals.arm.inputs, frames, self.residuals.arm.carried(q))
 
     @property
@@ -96,10 +80,7 @@ class EffectSensitivities:
         return self._flat(self.residuals.whiten(twists, self.x, self.walk))
 
     def fitted_columns(self, effect: Effect, theta: Array) -> Array:
-        """(rows, p) the columns of an effect of size ``theta``, and of its smooth shape where it has one.
-
-        Smooth shapes are derivatives at that size: an effect of size zero has none.
-        """
+        """(rows, p) the columns of an effect of size ``theta``, and of its smooth shape where it has one."""
         wide = self.residuals.with_effects([effect], self.x)
         own = wide.parameters[len(self.x) :]
         x = np.r_[self.x, theta, np.zeros(len(own) - len(theta))]
@@ -115,13 +96,10 @@ class EffectSensitivities:
         residuals = self.residuals
         N, axes = len(residuals.data), len(residuals.axes)
         columns = np.zeros((N, residuals.block, axes, features.shape[1]))
-        for slot in range(axes):
-            columns[:, slot, slot, :] = features / np.reshape(residuals.row_sigma, (-1, 1))
+        columns[:, range(axes), range(axes)] = (features / np.reshape(residuals.row_sigma, (-1, 1)))[:, None]
         return self._flat(columns.reshape(N, residuals.block, -1))
 
     def _flat(self, columns: Array) -> Array:
         """(N, block, k) as the rows of the Jacobian, zero for known distances."""
         flat = columns.reshape(self.residuals.measured, -1)
-        if not self.residuals.distances:
-            return flat
         return np.concatenate([flat, np.zeros((len(self.residuals.distances), flat.shape[1]))])

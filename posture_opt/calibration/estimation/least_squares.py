@@ -11,12 +11,6 @@ from posture_opt.numerics import Array, Mask
 
 Function = Callable[[Array], tuple[Array, Array]]
 
-MAX_ITERATIONS = 500
-_RELATIVE_OFFSET_TOLERANCE = (
-    1e-10  # relative offset at which the residuals are orthogonal to the tangent plane (Bates, Watts 1981)
-)
-_ROUNDING_SHARE = 1e-13  # of |r|²: a step that promised no more, and failed, failed by rounding
-_RELATIVE_STEP_TOLERANCE = 1e-14  # relative step at which floating point has nothing left to improve
 
 OUTLIER_MARGIN = 1.5
 """Of the largest of as many Gaussian residuals, by which a row is an outlier: real ones have longer tails."""
@@ -24,23 +18,14 @@ OUTLIER_MARGIN = 1.5
 
 @dataclass(frozen=True, eq=False)
 class Minimum:
-    """The minimum of ``½ |r(x)|²``.
+    """The minimum of ``½ |r(x)|²``."""
 
-    Args:
-        x: (k,) the estimate.
-        residuals: (m,) there.
-        R: (k, k) triangular factor of the Jacobian there, ``RᵀR = JᵀJ``.
-        variance: residual variance, ``|r|² / (m − k)``.
-        steps: iterations taken.
-        converged: whether the relative offset or the step fell below rounding.
-    """
-
-    x: Array
-    residuals: Array
-    R: Array
-    variance: float
-    steps: int
-    converged: bool
+    x: Array  # (k,) the estimate
+    residuals: Array  # (m,) there
+    R: Array  # (k, k) triangular factor of the Jacobian there, ``RᵀR = JᵀJ``
+    variance: float  # residual variance, ``|r|² / (m − k)``
+    steps: int  # iterations taken
+    converged: bool  # whether the relative offset or the step fell below rounding
 
     @property
     def covariance(self) -> Array:
@@ -55,54 +40,38 @@ class Minimum:
         return np.where(unseen > 1e-6, np.inf, np.sqrt(self.variance) * np.linalg.norm(inverse, axis=1))
 
     def _inverse(self) -> tuple[Array, Array]:
-        """``R⁺`` and the part (k,) of each unknown outside it.
-
-        By columns of length one: whether a direction is seen does not depend on the units of the unknowns.
-        """
-        D = np.linalg.norm(self.R, axis=0)
-        D = np.where(D > 0, D, 1.0)
+        """``R⁺`` and the part (k,) of each unknown outside it."""
+        D = column_lengths(self.R)
         U, s, Vt = np.linalg.svd(self.R / D)
         seen = s > 1e-14 * s.max(initial=0.0)
         inverse = (Vt[seen].T / s[seen]) @ U[:, seen].T / D[:, None]
         return np.asarray(inverse), np.asarray(np.sum(Vt[~seen] ** 2, axis=0))
 
 
-def least_squares(
-    function: Function, x0: Array, *, max_steps: int = MAX_ITERATIONS, tolerance: float = _RELATIVE_OFFSET_TOLERANCE
-) -> Minimum:
+def least_squares(function: Function, x0: Array, *, max_steps: int = 500, tolerance: float = 1e-10) -> Minimum:
     """Levenberg-Marquardt on the QR factors of the Jacobian, never on ``JᵀJ``.
 
     Each step solves ``min |J s + r|² + λ |D s|²`` with ``D`` the largest column norms so far (Moré 1978) and the
-    damping of Nielsen (1999); it ends where ``|Qᵀr| / √k`` is ``tolerance`` of ``|r − QQᵀr| / √(m − k)``.
-    Where the first step fails, the next is no longer than ``x0`` itself, lest it end on a plateau far away.
+    damping of Nielsen (1999); it ends where ``|Qᵀr| / √k`` is ``tolerance`` of ``|r − QQᵀr| / √(m − k)``. Where the
+    first step fails, the next is no longer than ``x0`` itself, lest it end on a plateau far away.
 
-    Args:
-        function: x (k,) -> residuals (m,) and Jacobian (m, k).
-
-    Example:
-        >>> import numpy as np
-        >>> t, y = np.array([0.0, 1.0, 2.0]), np.array([1.0, 2.9, 5.1])
-        >>> line = lambda x: (x[0] + x[1] * t - y, np.stack([np.ones(3), t], axis=1))
-        >>> np.round(least_squares(line, np.zeros(2)).x, 3).tolist()
-        [0.95, 2.05]
+    function: x (k,) -> residuals (m,) and Jacobian (m, k).
     """
     x = np.array(x0, dtype=float)
     r, J = function(x)
-    D = np.zeros(len(x))
-    damping = 1e-3
+    D, damping = np.zeros(len(x)), 1e-3
     for step in range(max_steps):
         R = triangular_factor(np.concatenate([J, r[:, None]], axis=1))
         R, projected = R[: len(x), :-1], R[: len(x), -1]
         D = np.maximum(D, np.linalg.norm(J, axis=0))
         D = np.where(D > 0, D, 1.0)
-        if _at_rest(projected, r, tolerance):
-            return _minimum_at(x, r, R, step, True)
-        lower = _descent_step(function, x, r, R, projected, D, damping, step == 0)
+        lower = None
+        if not _at_rest(projected, r, tolerance):
+            lower = _descent_step(function, x, r, R, projected, D, damping, step == 0)
         if lower is None:
             return _minimum_at(x, r, R, step, True)
         move, r_new, J_new, damping = lower
-        expected = _expected_gain(R, projected, move)
-        gained = float(r @ r - r_new @ r_new)
+        expected, gained = _expected_gain(R, projected, move), float(r @ r - r_new @ r_new)
         ratio = 1.0 if gained >= expected else gained / expected
         damping = max(damping * max(1 / 3, 1 - float(2 * ratio - 1) ** 3), 1e-15)
         x, r, J = x + move, r_new, J_new
@@ -112,37 +81,44 @@ def least_squares(
 def _descent_step(
     function: Function, x: Array, r: Array, R: Array, projected: Array, D: Array, damping: float, first: bool
 ) -> tuple[Array, Array, Array, float] | None:
-    """A step to smaller residuals: itself, residuals and Jacobian there, damping; None where rounding leaves none."""
     reach, growth = np.inf, 2.0
     while True:
-        move = _damped_step(R, projected, D, damping)
+        # min |R s + Qᵀr|² + λ |D s|², in units of D
+        stacked = np.concatenate([R, np.diag(np.sqrt(damping) * D)]) / D
+        target = np.concatenate([-projected, np.zeros(len(D))])
+        move = np.asarray(np.linalg.lstsq(stacked, target, rcond=None)[0] / D)
         length = np.linalg.norm(D * move)
         if length > reach:
             damping *= 2
             continue
-        if length <= _RELATIVE_STEP_TOLERANCE * (np.linalg.norm(D * x) + _RELATIVE_STEP_TOLERANCE):
+        # 1e-14: relative step at which floating point has nothing left to improve
+        if length <= 1e-14 * (np.linalg.norm(D * x) + 1e-14):
             return None
         with np.errstate(all="ignore"):
             r_new, J_new = function(x + move)
             gain = r @ r - r_new @ r_new
         if np.isfinite(gain) and np.all(np.isfinite(J_new)) and gain > 0:
             return move, r_new, J_new, damping
-        if _expected_gain(R, projected, move) <= _ROUNDING_SHARE * (r @ r):
+        # 1e-13 of |r|²: a step that promised no more, and failed, failed by rounding
+        if _expected_gain(R, projected, move) <= 1e-13 * (r @ r):
             return None
         damping, growth = damping * growth, growth * 2
         if first and np.any(x):
             reach = float(np.linalg.norm(D * x))
 
 
-def triangular_factor(A: Array) -> Array:
-    """The (k, k) factor ``R`` of ``A = Q R`` (m, k), block by block of rows (Demmel et al. 2012).
+def column_lengths(A: Array) -> Array:
+    """(k,) norms of columns (m, k); 1 for zero columns, so that one can divide by them."""
+    norms = np.linalg.norm(A, axis=0)
+    return np.where(norms > 0, norms, 1.0)
 
-    Blocks that fit the cache are faster than one long matrix, and too small for threads to fight over.
-    """
+
+def triangular_factor(A: Array) -> Array:
+    """The (k, k) factor ``R`` of ``A = Q R`` (m, k), block by block of rows (Demmel et al. 2012)."""
     m, k = A.shape
     if k == 0:  # nothing is free
         return np.zeros((0, 0))
-    size = 4 * k
+    size = 4 * k  # blocks that fit the cache are faster than one long matrix, and too small for threads to fight over
     while len(A) > 2 * size:
         whole = len(A) // size * size
         factors = np.asarray(np.linalg.qr(A[:whole].reshape(-1, size, k), mode="r"))
@@ -178,17 +154,8 @@ def _at_rest(projected: Array, r: Array, tolerance: float) -> bool:
     return inside / k <= tolerance**2 * outside / (m - k)
 
 
-def _damped_step(R: Array, projected: Array, D: Array, damping: float) -> Array:
-    """The step (k,) that minimises ``|R s + Qᵀr|² + λ |D s|²``, λ the damping."""
-    stacked = np.concatenate([R, np.diag(np.sqrt(damping) * D)])
-    target = np.concatenate([-projected, np.zeros(len(D))])
-    return np.asarray(np.linalg.lstsq(stacked / np.tile(D, (len(stacked), 1)), target, rcond=None)[0] / D)
-
-
 def _minimum_at(x: Array, r: Array, R: Array, steps: int, converged: bool) -> Minimum:
-    """The estimate at x with its residual variance."""
-    freedom = max(len(r) - len(x), 1)
-    return Minimum(x, r, R, float(r @ r) / freedom, steps, converged)
+    return Minimum(x, r, R, float(r @ r) / max(len(r) - len(x), 1), steps, converged)
 
 
 def find_outliers(
@@ -196,9 +163,9 @@ def find_outliers(
 ) -> tuple[Mask, Array]:
     """Which rows, of ``block`` residuals each, are gross outliers, and the studentised length (N,) of each row.
 
-    The residuals of row i have the covariance ``s² (I − H_ii)``, ``H = J (JᵀJ)⁻¹ Jᵀ``; ``s`` is taken from the
-    median of ``r_iᵀ (I − H_ii)⁻¹ r_i``, which outliers cannot move far. Gross is what Gaussian residuals would
-    reach once in a thousand samples of this size, times ``margin``. ``known`` are further rows of J, of a prior.
+    The residuals of row i have the covariance ``s² (I − H_ii)``, ``H = J (JᵀJ)⁻¹ Jᵀ``; ``s`` is taken from the median
+    of ``r_iᵀ (I − H_ii)⁻¹ r_i``, which outliers cannot move far. Gross is what Gaussian residuals would reach once in a
+    thousand samples of this size, times ``margin``. ``known`` are further rows of J, of a prior.
     """
     squared = _inflated_squares(residuals, J, block, known)
     with np.errstate(over="ignore"):  # beside rows that are met exactly any other is infinitely far off
@@ -216,8 +183,7 @@ def outlier_limit(rows: int, block: int, margin: float = OUTLIER_MARGIN) -> floa
 def unexplained_residuals(residuals: Array, J: Array) -> Array:
     """What is left of the residuals (m,) after the best step of the unknowns, to first order.
 
-    Args:
-        J: (m, k) Jacobian.
+    J (m, k) Jacobian.
     """
     k = J.shape[1]
     R = triangular_factor(np.concatenate([J, residuals[:, None]], axis=1))

@@ -12,8 +12,7 @@ import numpy as np
 from posture_opt.calibration.estimation.parameters import Parameter, effect_parameters, tool_unknown
 from posture_opt.measurements.kinds import Seen
 from posture_opt.measurements.kinds.kind import Slots
-from posture_opt.measurements.measurements import Measurements
-from posture_opt.measurements.row_inputs import arm_for
+from posture_opt.measurements.measurements import Measurements, arm_for
 from posture_opt.model.arm import Arm, Reached, Twist
 from posture_opt.model.chain import Walk, dot, factor_values, walk
 from posture_opt.numerics import Array, Codes, rms, stacked_rows
@@ -23,9 +22,6 @@ if TYPE_CHECKING:
     from posture_opt.model.effects import Effect
     from posture_opt.model.effects.base.effect import Sensitivity
 
-_LEVEL_TOLERANCE_RAD = np.radians(
-    10
-)  # a levelled instrument and a base that was set up with a level agree to better than this
 MAX_WALKED_ROWS = 20_000
 """Rows that are walked at a time where nothing but their errors is asked for: the chain holds some hundred arrays."""
 Distance = tuple[int, int, float, float]
@@ -43,27 +39,20 @@ class Residuals:
     Row i has the residuals ``(h(T(q_i; x)) − m_i) / σ`` [1], h what the `Kind` of measurement shows of the pose T: of
     positions the measured axes of the world, of poses the orientation behind them; known distances follow behind all
     rows. All rows are walked at once: a call costs a few hundred array operations, whatever N.
-
-    Any parameter of the arm can be among them: geometry, frames and effects alike; and places: touched points, planes,
-    anchors.
-
-    Args:
-        arm: under the inputs of every row of ``data``, see `Residuals.of`.
-        sigma: standard deviation of each measured coordinate [m].
-        further: σ of what is read beside that, by its key, as of the components of a measured rotation [rad]; what has
-            none does not count.
-        distances: (first point, second point, distance [m], standard deviation [m]) known between points.
-        place_sigmas: standard deviations of a reading at some places, as planes of another flatness.
-        lever: root mean square of the levers of the rows that ``sigma`` is of [m per unit]; 1 of readings in metres.
     """
 
-    arm: Arm
+    arm: Arm  # under the inputs of every row of ``data``, see `Residuals.of`
     data: Measurements
     parameters: tuple[Parameter, ...]
-    sigma: float
+    sigma: float  # standard deviation of each measured coordinate [m]
+    # σ of what is read beside that, by its key, as of the components of a measured rotation [rad]; what has none does
+    # not count
     further: Mapping[str, float] = field(default_factory=dict)
+    # (first point, second point, distance [m], standard deviation [m]) known between points
     distances: tuple[Distance, ...] = ()
+    # standard deviations of a reading at some places, as planes of another flatness
     place_sigmas: Mapping[str, float] = field(default_factory=dict)
+    # root mean square of the levers of the rows that ``sigma`` is of [m per unit]; 1 of readings in metres
     lever: float = 1.0
 
     @classmethod
@@ -90,10 +79,7 @@ class Residuals:
 
     @cached_property
     def slots(self) -> tuple[tuple[int, Any], ...]:
-        """Which numbers of a reading count, and the σ of each in its unit, (N,) where it is not the same in all rows.
-
-        Those of `axes` come first.
-        """
+        """Numbers of a reading that count, `axes` first, and the σ of each in its unit, (N,) where rows differ."""
         further = {slot: self.further[one.key] for one in self.data.kind.further for slot in one.slots}
         numbers = self.data.kind.numbers(self.data.measured_axes).tolist()
         return tuple((slot, further.get(slot, self._unit_sigma)) for slot in numbers)
@@ -105,10 +91,7 @@ class Residuals:
 
     @property
     def free_groups(self) -> frozenset[str]:
-        """The groups of parameters that are fitted to the nominal arm too: places and free frames.
-
-        Several targets are several points of one tool, of which the file can state but one: their offsets are free.
-        """
+        """The groups of parameters that are fitted to the nominal arm too: places and free frames."""
         free = {"place": True, "base": self.robot.base_free, "tool": tool_unknown(self.robot, self.data)}
         return frozenset(group for group, is_free in free.items() if is_free)
 
@@ -128,20 +111,16 @@ class Residuals:
         return [np.ascontiguousarray(column) for column in self.data.q.T]
 
     def of_data(self, data: Measurements, distances: tuple[Distance, ...] = ()) -> Residuals:
-        """The same arm and parameters against other measurements."""
+        """Arm and parameters against other measurements."""
         data = counted(data, self.further)
         return replace(self, arm=arm_for(self.arm, data), data=data, distances=distances)
 
     def of_robot(self, robot: Robot, parameters: tuple[Parameter, ...]) -> Residuals:
-        """The same measurements against a robot with other frames or other nominal values."""
+        """Measurements against a robot with other frames or nominal values."""
         return replace(self, arm=replace(self.arm, robot=robot), parameters=parameters)
 
     def with_effects(self, effects: Sequence[Effect], x: Array) -> Residuals:
-        """The same residuals with the parameters of effects, and their smooth shapes, as further unknowns.
-
-        The effects are none at deviations of zero; one that the arm has already deviates from its estimate. Weights
-        pull along gravity as the arm is at ``x`` (k,).
-        """
+        """Add the parameters of effects and their smooth shapes as unknowns, zero effects at zero deviations."""
         known = {effect.name for effect in self.arm.effects}
         new = [e.with_estimate([0.0] * len(e.dimensions)) for e in effects if e.name not in known]
         robot = replace(self.robot, gravity=gravity_of(self.robot, self.frames(x)))
@@ -150,12 +129,10 @@ class Residuals:
         return replace(self, arm=arm, parameters=(*self.parameters, *parameters))
 
     def with_parameters(self, parameters: Sequence[Parameter]) -> Residuals:
-        """The same residuals by some of the parameters; effects that would do nothing any more are gone."""
+        """Keep some of the parameters, and the effects that still do something."""
         sources = {p.source for p in parameters}
-        effects = [
-            e for e, used in ((e, sources & set(e.parameter_names)) for e in self.arm.effects) if used or any(e.values)
-        ]
-        return replace(self, arm=replace(self.arm, effects=tuple(effects)), parameters=tuple(parameters))
+        effects = tuple(e for e in self.arm.effects if sources & set(e.parameter_names) or any(e.values))
+        return replace(self, arm=replace(self.arm, effects=effects), parameters=tuple(parameters))
 
     def start_of(self, effects: Sequence[Effect]) -> Array:
         """(e,) where the fit of effects starts: at their shapes and estimates; with nothing of one without estimate."""
@@ -172,60 +149,44 @@ class Residuals:
         """The effects with the estimates and shapes that the last of the deviations ``x`` (k,) say."""
         at = {p.name: float(v) for p, v in zip(self.parameters, x, strict=True)}
         places, fitted = self.arm.shape_parameters, list[Any]()
-        names = [effect.parameter_names for effect in effects]
         for effect in effects:
-            shape = f"{effect.name}.{effect.smooth_shape}"
+            shape, sizes = f"{effect.name}.{effect.smooth_shape}", [at[name] for name in effect.parameter_names]
             if shape in places:
                 own = self.arm.effects[places[shape]].reshaped(at[shape])
                 effect = effect.with_shape(float(getattr(own, own.smooth_shape)))
-            fitted.append(effect.with_estimate([at[name] for name in names[len(fitted)]]))
+            fitted.append(effect.with_estimate(sizes))
         return tuple(fitted)
 
     def frames(self, x: Array) -> dict[str, float]:
         """Deviations of base and tool; of several targets, none of the tool."""
-        return {
-            p.name: float(v)
-            for p, v in zip(self.parameters, x, strict=False)
-            if p.group in ("base", "tool") and p.code < 0
-        }
+        frames = [
+            (p.name, v) for p, v in zip(self.parameters, x, strict=False) if p.group in ("base", "tool") and p.code < 0
+        ]
+        return {name: float(v) for name, v in frames}
 
     def take(self, rows: Codes) -> Residuals:
-        """The residuals of some rows.
-
-        Args:
-            rows: indices; known distances stay, and count where both ends are touched in these rows.
-        """
+        """The residuals of some rows."""
         return replace(self, arm=self.arm.under(self.arm.inputs.take(rows)), data=self.data.take(rows))
 
     def deviations(self, x: Array) -> dict[str, Any]:
         """Model parameter -> deviation, of some targets' offsets one for each row (N,)."""
         values: dict[str, Any] = {}
         for parameter, deviation in zip(self.parameters, x, strict=True):
-            if not parameter.source:
-                continue
-            if parameter.code < 0:
+            if parameter.source and parameter.code < 0:
                 values[parameter.source] = float(deviation)
-            else:
+            elif parameter.source:
                 rows = values.setdefault(parameter.source, np.zeros(len(self.data)))
                 rows[self.data.target == parameter.code] = deviation
         return values
 
     def walk(self, x: Array) -> Walk:
         """The chain at all rows with the deviations ``x`` (k,) [rad, m]: origins [m] and axes of all factors, world."""
-        return self._reached(x).walk
-
-    def _reached(self, x: Array) -> Reached:
-        """The same with what effects do there."""
-        return self.arm.reach(self.q, self.deviations(x))
+        return self.arm.reach(self.q, self.deviations(x)).walk
 
     def sensitivities(
         self, names: Sequence[str | int], x: Array, reached: Walk | None = None, ones: Sequence[Sensitivity] = ()
     ) -> Array:
-        """(N, block, K) shift of what a row measures by a unit of each model parameter, in units of the σ's.
-
-        Args:
-            names: of parameters of the arm, or indices of factors, as `Arm.twists` takes them; ``ones`` as well.
-        """
+        """(N, block, K) shift of what a row measures by a unit of each model parameter, in units of the σ's."""
         reached = reached or self.walk(x)
         twists = self.arm.twists(names, self.q, reached, self.deviations(x), ones)
         return self.whiten(twists, x, reached)
@@ -252,10 +213,7 @@ class Residuals:
         return found
 
     def error(self, x: Array, reached: Walk | None = None) -> Array:
-        """Reading of the model minus the measured one (N, 3) [m], in the coordinates `axes`; zeros in others.
-
-        Of touched points, the position minus the point.
-        """
+        """Reading of the model minus the measured one (N, 3) [m], in the coordinates `axes`; zeros in others."""
         if reached is None and len(self.data) > MAX_WALKED_ROWS:
             parts = np.array_split(np.arange(len(self.data)), -(-len(self.data) // MAX_WALKED_ROWS))
             return np.concatenate([self.take(rows).error(x) for rows in parts])
@@ -299,18 +257,12 @@ class Residuals:
         return stacked_rows([found[slot] for slot, _ in self.slots[len(self.axes) :]], len(self.data))
 
     def whitened(self, x: Array) -> Array:
-        """Residuals (N·block + distances,) in units of the instrument's σ.
-
-        Those of known distances are in units of their own σ.
-        """
+        """Residuals (N·block + distances,) in units of the instrument's σ."""
         return self._vector(x, self.walk(x))
 
     def residuals_and_jacobian(self, x: Array) -> tuple[Array, Array]:
-        """Whitened residuals (m,) and their Jacobian (m, k).
-
-        The cost of the Jacobian is one walk of the chain: every column is a cross product of what the walk already has.
-        """
-        reached = self._reached(x)
+        """Whitened residuals (m,) and their Jacobian (m, k)."""
+        reached = self.arm.reach(self.q, self.deviations(x))
         return self._vector(x, reached.walk), self._jacobian(x, reached)
 
     def _vector(self, x: Array, reached: Walk) -> Array:
@@ -321,16 +273,18 @@ class Residuals:
 
     def _jacobian(self, x: Array, reached: Reached) -> Array:
         """Derivatives (m, k) of the whitened residuals; a parameter of one target or point acts in its rows alone."""
-        N = len(self.data)
-        J = np.zeros((len(self.parameters), N, self.block))
+        J = np.zeros((len(self.parameters), len(self.data), self.block))
         own, seen = [k for k, p in enumerate(self.parameters) if p.source], self.seen(x, reached.walk)
         columns = self.sensitivities([self.parameters[k].source for k in own], x, reached.walk, reached.ones)
         J[own] = np.moveaxis(columns, -1, 0)
         for k, parameter in enumerate(self.parameters):
-            if not parameter.source:
-                self._place_columns(J[k], parameter, seen)
-            elif parameter.code >= 0:
-                J[k, self.data.target != parameter.code] = 0.0
+            if parameter.source:
+                if parameter.code >= 0:
+                    J[k, self.data.target != parameter.code] = 0.0
+                continue
+            changed, mine = self.data.kind.unknown_slope(seen, parameter.axis), self.data.at_place(parameter.code)
+            for place, (slot, sigma) in enumerate(self.slots):
+                J[k, mine, place] = np.broadcast_to(changed[slot] / sigma, mine.shape)[mine]
         dense = J.reshape(len(self.parameters), -1).T
         if self._sizes.any():
             rows = self._vector(x, reached.walk)[: len(dense), None]
@@ -341,9 +295,9 @@ class Residuals:
     def _sizes(self) -> Array:
         """(k,) growth of the arm by a unit of each parameter; zeros where the data know its size, or are angles.
 
-        Errors count relative to the size where they show none: an arm of half the size misses its planes by half,
-        and a fit would shrink it. Of the lengths L the growth by deviations x is ``L·x / |L|²``. What only shifts the
-        places or the tool is no part of it: it would be without bounds, and make every error small.
+        Errors count relative to the size where they show none: an arm of half the size misses its planes by half, and a
+        fit would shrink it. Of the lengths L the growth by deviations x is ``L·x / |L|²``. What only shifts the places
+        or the tool is no part of it: it would be without bounds, and make every error small.
         """
         if self.data.kind.fixes_size or self._touched_distances or self.data.lever is not None:
             return np.zeros(len(self.parameters))
@@ -355,16 +309,8 @@ class Residuals:
         """The size of the arm at the deviations x (k,), relative to nominal."""
         return 1.0 + float(self._sizes @ x)
 
-    def _place_columns(self, columns: Array, parameter: Parameter, seen: Seen) -> None:
-        """Puts what an unknown of a place changes into ``columns`` (N, block): its own rows alone."""
-        changed = self.data.kind.unknown_slope(seen, parameter.axis)
-        own = self.data.at_place(parameter.code)
-        for place, (slot, sigma) in enumerate(self.slots):
-            columns[own, place] = np.broadcast_to(changed[slot] / sigma, own.shape)[own]
-
     @cached_property
     def _touched_distances(self) -> list[int]:
-        """The known distances that say something of these rows: an end that none of them touches may be anywhere."""
         ends = [(a, b) for a, b, *_ in self.distances]
         return [i for i, pair in enumerate(ends) if all(self.data.at_place(end).any() for end in pair)]
 
@@ -374,8 +320,7 @@ class Residuals:
 
     def _distance_residuals(self, x: Array) -> tuple[Array, Array]:
         """Whitened residuals (d,) of known distances between touched points, and their derivatives (d, k)."""
-        r = np.zeros(len(self.distances))
-        J = np.zeros((len(self.distances), len(self.parameters)))
+        r, J = np.zeros(len(self.distances)), np.zeros((len(self.distances), len(self.parameters)))
         points = self.places(x)[:, :3] if self.distances else np.zeros((0, 3))
         for row in self._touched_distances:
             a, b, length, sigma = self.distances[row]
@@ -389,18 +334,17 @@ class Residuals:
 
 
 def lengths_that_shift(robot: Robot, *, tool_free: bool) -> frozenset[str]:
-    """The lengths of an arm that shift all that it reaches, whatever the posture: a column's height, say.
-
-    Args:
-        tool_free: whether those count too that shift the tool point in the tool's frame.
-    """
+    """The lengths of an arm that shift all that it reaches, whatever the posture: a column's height, say."""
     q = np.random.default_rng(0).uniform(-1.0, 1.0, (robot.n, _POSTURES_OF_SHIFTS))
     reached = walk(robot.factors, factor_values(robot.factors, list(q)))
+
+    def constant(axis: Sequence[Any]) -> bool:
+        return all(np.ptp(np.atleast_1d(entry)) < _SAME_DIRECTION for entry in axis)
+
     found = set()
     for factor, screw in zip(robot.factors, reached.screws, strict=True):
-        in_tool = tuple(dot(column, screw.axis) for column in reached.columns)
-        seen_from = [screw.axis, in_tool] if tool_free else [screw.axis]
-        if any(all(np.ptp(np.atleast_1d(entry)) < _SAME_DIRECTION for entry in axis) for axis in seen_from):
+        in_tool = [dot(column, screw.axis) for column in reached.columns]
+        if constant(screw.axis) or (tool_free and constant(in_tool)):
             found.add(factor.parameter)
     return frozenset(found)
 
@@ -411,18 +355,13 @@ def counted(data: Measurements, further: Mapping[str, float]) -> Measurements:
 
 
 def gravity_of(robot: Robot, frames: Mapping[str, float]) -> tuple[float, float, float]:
-    """Gravity [m/s²] in the world of the data, with the base off by ``frames`` from the file's.
-
-    Where the base is free, the world is the instrument's frame. If the arm is upright in it but for some degrees,
-    the instrument was levelled and the tilt is the base's own; if not, the arm is mounted as the file says and the
-    instrument does not.
-    """
-    found = walk(robot.base, factor_values(robot.base, [], frames)).columns
-    stated = walk(robot.base, factor_values(robot.base, [])).columns
-    turn = np.array(found, dtype=float).T @ np.array(stated, dtype=float)
+    """Gravity [m/s²] in the world of the data, with the base off by ``frames`` from the file's."""
     g = np.array(robot.gravity)
     if not robot.base_free or float(np.linalg.norm(g)) == 0.0:
         return robot.gravity
-    cosine = float(g @ turn @ g) / float(g @ g)
-    x, y, z = g if cosine > np.cos(_LEVEL_TOLERANCE_RAD) else turn @ g
+    found, stated = (walk(robot.base, factor_values(robot.base, [], off)).columns for off in (frames, {}))
+    turn = np.array(found, dtype=float).T @ np.array(stated, dtype=float)
+    # Upright in the instrument's frame but for 10°, the instrument was levelled and the tilt is the base's own; else
+    # the arm is mounted as the file says, and the instrument is not level.
+    x, y, z = g if float(g @ turn @ g) / float(g @ g) > np.cos(np.radians(10)) else turn @ g
     return float(x), float(y), float(z)

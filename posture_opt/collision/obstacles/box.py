@@ -9,8 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from posture_opt.collision.facets import rectangle
-from posture_opt.collision.obstacles.obstacle import PlacedObstacle, Side, Size
-from posture_opt.collision.product_solid import ProductSolid
+from posture_opt.collision.obstacles.obstacle import PlacedObstacle, ProductSolid, Side, Size
 from posture_opt.collision.segment_distances import to_box
 from posture_opt.collision.smooth_bounds import box_bound
 from posture_opt.numerics import Array
@@ -34,29 +33,23 @@ class Box(PlacedObstacle):
         return x / 2, y / 2, z / 2
 
     def smaller(self, by: Size) -> Self:
-        """The same box with sides shorter by ``2 by`` [m]."""
         return self.model_copy(update={"size": tuple(side - 2 * by for side in self.size)})
 
     @property
     def half_thickness(self) -> float:
-        """Half of the shortest side [m]."""
         return min(self.half)
 
     @property
     def product(self) -> ProductSolid:
-        """Three intervals in its frame."""
         return ProductSolid(self.rotation, np.array(self.xyz), (0, 1, 2), self.half)
 
     def distance(self, start: Array, end: Array) -> Array:
-        """(...) exact distance of segments (..., 3) [m], world; zero where they touch it."""
         return to_box(self.local(start), self.local(end), np.array(self.half))
 
     def extent(self, direction: Array) -> float:
-        """Greatest coordinate of its points along a unit vector (3,), world [m]."""
         return float(np.dot(self.xyz, direction) + np.abs(direction @ self.rotation) @ np.array(self.half))
 
     def facets(self, lower: Array, upper: Array) -> Array:
-        """(k, 4, 3) small faces of all sides [m], world; more of them the larger the box is in the drawing's box."""
         sides = self.rotation * np.array(self.half)
         least, most = _EDGE_PIECES
         pieces = int(np.clip(least * max(self.size) / np.linalg.norm(upper - lower), least, most))
@@ -68,5 +61,4 @@ class Box(PlacedObstacle):
         return np.concatenate(faces)
 
     def bounds(self, start: ca.SX, along: ca.SX, length: float, radius: float) -> list[ca.SX]:
-        """One smooth lower bound of the distance of a capsule [m]."""
         return [box_bound(*self.local_symbols(start, along), self.half, radius)]

@@ -10,14 +10,10 @@ import numpy as np
 from pydantic import Field
 
 from posture_opt.collision.facets import revolved
-from posture_opt.collision.obstacles.obstacle import PlacedObstacle, Side, Size
-from posture_opt.collision.product_solid import ProductSolid
+from posture_opt.collision.obstacles.obstacle import PlacedObstacle, ProductSolid, Side, Size
 from posture_opt.collision.segment_distances import to_cylinder
 from posture_opt.collision.smooth_bounds import cylinder_bound
 from posture_opt.numerics import Array
-
-_LENGTH_PIECES = 8
-"""Faces along its length in drawings."""
 
 
 class Cylinder(PlacedObstacle):
@@ -30,37 +26,30 @@ class Cylinder(PlacedObstacle):
     length: Side = Field(description="along its own z axis")
 
     def smaller(self, by: Size) -> Self:
-        """The same cylinder, its radius smaller by ``by`` and its length by ``2 by`` [m]."""
         return self.model_copy(update={"radius": self.radius - by, "length": self.length - 2 * by})
 
     @property
     def half_thickness(self) -> float:
-        """The radius or half the length [m], whichever is less."""
         return min(self.radius, self.length / 2)
 
     @property
     def product(self) -> ProductSolid:
-        """A disc and an interval in its frame."""
         size = self.radius, self.length / 2, 0.0
         return ProductSolid(self.rotation, np.array(self.xyz), (0, 0, 1), size)
 
     def distance(self, start: Array, end: Array) -> Array:
-        """(...) exact distance of segments (..., 3) [m], world; zero where they touch it."""
         return to_cylinder(self.local(start), self.local(end), self.radius, self.length / 2)
 
     def extent(self, direction: Array) -> float:
-        """Greatest coordinate of its points along a unit vector (3,), world [m]."""
         axial = abs(float(direction @ self.rotation[:, 2]))
         across = math.sqrt(max(1 - axial**2, 0.0))
         return float(np.dot(self.xyz, direction)) + self.length / 2 * axial + self.radius * across
 
     def facets(self, lower: Array, upper: Array) -> Array:
-        """(k, 4, 3) small faces of its side and both ends [m], world."""
-        heights = np.linspace(-self.length / 2, self.length / 2, _LENGTH_PIECES + 1)
-        around = np.column_stack([np.full(_LENGTH_PIECES + 1, self.radius), heights])
+        heights = np.linspace(-self.length / 2, self.length / 2, 8 + 1)
+        around = np.column_stack([np.full(8 + 1, self.radius), heights])
         ends = [[[0.0, z], [self.radius / 2, z], [self.radius, z]] for z in (heights[0], heights[-1])]
         return np.concatenate([revolved(profile, self.placed) for profile in (around, *map(np.array, ends))])
 
     def bounds(self, start: ca.SX, along: ca.SX, length: float, radius: float) -> list[ca.SX]:
-        """One smooth lower bound of the distance of a capsule [m]."""
         return [cylinder_bound(*self.local_symbols(start, along), self.radius, self.length / 2, radius)]

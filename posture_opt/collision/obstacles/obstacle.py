@@ -1,23 +1,92 @@
-"""``Obstacle``: a solid in the world; a ``PlacedObstacle`` has a frame of its own."""
+"""``Obstacle``: a solid in the world, as a product of balls; a ``PlacedObstacle`` has a frame of its own."""
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Annotated, ClassVar, Self
+from typing import Annotated, ClassVar, NamedTuple, Self
 
 import casadi as ca
 import numpy as np
 from pydantic import AfterValidator, Field
 
-from posture_opt.collision.product_solid import ProductSolid
 from posture_opt.errors import BadValueError
 from posture_opt.model.chain import walk
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import frame_factors
 from posture_opt.spec import Spec
 from posture_opt.units import Angle, Length
+
+FREE = -1
+"""Group of a coordinate that bounds nothing."""
+LEAST_LENGTH_M = 1e-9
+"""A vector shorter than this [m] has no direction."""
+
+
+class ProductSolid(NamedTuple):
+    """A solid as a product of balls."""
+
+    rotation: Array  # (3, 3) R_world_solid; origin: (3,) [m], world
+    origin: Array
+    group: tuple[int, int, int]  # (3,) the ball of each coordinate, `FREE` for none
+    size: tuple[float, float, float]  # (3,) radius of each ball [m]
+    one_sided: bool = False  # whether the only ball is a half-line
+
+    @property
+    def bounding_radius(self) -> float:
+        """Radius [m] about the origin that holds it; infinite where none does."""
+        if self.one_sided or FREE in self.group:
+            return math.inf
+        return math.sqrt(sum(self.size[g] ** 2 for g in set(self.group)))
+
+    @property
+    def numbers(self) -> list[float]:
+        """(20,) all of it, row by row."""
+        return [*self.rotation.ravel(), *self.origin, *self.group, *self.size, self.one_sided, self.bounding_radius]
+
+
+# A box is three intervals, a cylinder a disc and an interval. With e_g = |p_g| - h_g of each ball the signed distance
+# is sqrt(sum max(e_g, 0)^2) outside and max e_g inside, a convex function of the point.
+SIGNED_DISTANCE_C = """
+static double po_signed_distance(const double* solid, const double* x, double* normal) {
+  const double *R = solid, *origin = solid + 9, *group = solid + 12, *size = solid + 15;
+  const int one_sided = solid[18] != 0;
+  double p[3], length[3] = {0, 0, 0}, way[3] = {0, 0, 0}, excess, deepest = -INFINITY, outside = 0;
+  int i, k, g, best = 0, first;
+  for (k = 0; k < 3; ++k) {
+    p[k] = 0;
+    for (i = 0; i < 3; ++i) p[k] += R[3 * i + k] * (x[i] - origin[i]);
+    if (group[k] >= 0) length[(int)group[k]] += p[k] * p[k];
+  }
+  for (g = 0; g < 3; ++g) {
+    for (first = 0; first < 3 && (int)group[first] != g; ++first) {}
+    if (first == 3) continue;
+    length[g] = one_sided ? p[first] : sqrt(length[g]);
+    excess = length[g] - size[g];
+    if (excess > deepest) { deepest = excess; best = g; }
+    outside += excess > 0 ? excess * excess : 0;
+  }
+  outside = sqrt(outside);
+  for (k = 0; k < 3; ++k) {
+    double share;
+    g = (int)group[k];
+    if (g < 0) continue;
+    for (first = 0; (int)group[first] != g; ++first) {}
+    excess = length[g] - size[g];
+    share = outside > LEAST ? (excess > 0 ? excess / outside : 0) : g == best;
+    if (one_sided) way[k] = share;
+    else way[k] = share * (length[g] > LEAST ? p[k] / length[g] : k == first);
+  }
+  for (i = 0; i < 3; ++i) for (normal[i] = 0, k = 0; k < 3; ++k) normal[i] += R[3 * i + k] * way[k];
+  return outside > LEAST ? outside : deepest;
+}
+""".replace("LEAST", repr(LEAST_LENGTH_M))
+"""C text of the same for one point; ``solid`` are the ``numbers``."""
+SIZE = 20
+"""Numbers of a solid."""
+
 
 Side = Annotated[Length, Field(gt=0)]
 """A length greater than zero [m]."""
@@ -28,11 +97,6 @@ Points = tuple[ca.SX, ca.SX]
 
 
 def _given_name(name: str) -> str:
-    """The name as it is.
-
-    Raises:
-        BadValueError: it is empty or blank.
-    """
     if not name.strip():
         raise BadValueError("an obstacle needs a name, by which reports speak of it", "write for example name: table")
     return name
@@ -49,36 +113,25 @@ class Obstacle(Spec):
 
     @property
     def product(self) -> ProductSolid:
-        """The same solid as a product of balls, world; of a union that of each of its `parts`."""
+        """The solid as a product of balls, world; of a union that of each of its `parts`."""
         raise NotImplementedError
 
     @property
     def parts(self) -> tuple[Obstacle, ...]:
-        """The convex solids, each a product, whose union it is."""
+        """Convex solids, each a product, whose union it is."""
         return (self,)
 
     @abstractmethod
     def distance(self, start: Array, end: Array) -> Array:
-        """(...) exact distance of segments to the solid [m]; zero or less where they touch it.
-
-        Args:
-            start, end: (..., 3) ends of the segments [m], world.
-        """
+        """(...) exact distance of segments from (..., 3) to (..., 3) [m], world; zero or less where they touch."""
 
     @abstractmethod
     def bounds(self, start: ca.SX, along: ca.SX, length: float, radius: float) -> list[ca.SX]:
-        """Smooth expressions whose least is a lower bound of the distance of a capsule [m].
-
-        Args:
-            start, along: (3,) where its segment starts and the vector to its end, world [m].
-            length: of the segment; ``radius`` of the capsule [m].
-        """
+        """Smooth lower bounds [m] of the distance of a capsule: its start (3,), vector to its end (3,) [m], world."""
 
     @abstractmethod
     def smaller(self, by: Size) -> Self:
-        """The same solid with every face ``by`` [m] farther in; a symbol gives one whose `bounds` are expressions of
-        it.
-        """
+        """The solid with every face ``by`` [m] farther in; `bounds` may be expressions of a symbol."""
 
     @property
     @abstractmethod
@@ -87,7 +140,7 @@ class Obstacle(Spec):
 
     @abstractmethod
     def moved(self, shift: Sequence[Size]) -> Self:
-        """The same solid shifted by (3,) [m], world; symbols give one whose `bounds` are expressions of them."""
+        """The solid shifted by (3,) [m], world; `bounds` may be expressions of symbols."""
 
     @abstractmethod
     def extent(self, direction: Array) -> float:
@@ -95,11 +148,7 @@ class Obstacle(Spec):
 
     @abstractmethod
     def facets(self, lower: Array, upper: Array) -> Array:
-        """(k, 4, 3) small faces of its surface [m], world, for drawing.
-
-        Args:
-            lower, upper: (3,) corners of the box that is drawn [m]; of an endless solid the faces in it.
-        """
+        """(k, 4, 3) small faces [m] for a drawing of the box from (3,) to (3,) [m], world."""
 
 
 class PlacedObstacle(Obstacle):
@@ -126,7 +175,6 @@ class PlacedObstacle(Obstacle):
         return R @ (start - ca.vertcat(*self.xyz)), R @ along
 
     def moved(self, shift: Sequence[Size]) -> Self:
-        """The same solid with its origin shifted by (3,) [m], world."""
         return self.model_copy(update={"xyz": tuple(x + d for x, d in zip(self.xyz, shift, strict=True))})
 
     @property

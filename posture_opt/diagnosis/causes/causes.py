@@ -1,11 +1,11 @@
-"""Findings: each cause that a diagnosis names, with its size and gain; and causes that the data cannot show."""
+"""Findings: each cause that a diagnosis names, with its size, gain and plausibility."""
 
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,9 +13,14 @@ from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.estimation.effect_sensitivities import case_of
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.residuals import Residuals
-from posture_opt.diagnosis.causes.determined_sizes import is_determined, places_of_parts, stated_parts
-from posture_opt.diagnosis.causes.geometry_causes import GeometryCause
-from posture_opt.diagnosis.causes.predictive_effects import PredictiveModel
+from posture_opt.diagnosis.causes.delivered_arm import PredictiveModel
+from posture_opt.diagnosis.causes.determined_sizes import (
+    is_determined,
+    places_of_parts,
+    stated_parts,
+    turn_about_mean,
+    turns_of,
+)
 from posture_opt.diagnosis.causes.sessions import Gain
 from posture_opt.diagnosis.noise.uneven_noise import NoiseCause
 from posture_opt.diagnosis.search.search import SearchResult
@@ -31,12 +36,15 @@ from posture_opt.model.effects import (
     Limit,
     NoiseEffect,
 )
-from posture_opt.model.effects.base.lost_motion import LostMotion
+from posture_opt.model.effects.base.joint_effect import GravityLoaded, LostMotion
+from posture_opt.model.effects.base.multiples import RotatingPart, resolution
 from posture_opt.model.effects.base.plausible_range import PlausibleRange
-from posture_opt.model.effects.base.rotating_parts import RotatingPart
 from posture_opt.numerics import Array, Codes, Json
 from posture_opt.robot.robot import Robot
 from posture_opt.units import DIMENSIONS
+
+_SI_UNITS = {dimension: si for dimension, (si, _) in DIMENSIONS.items()} | {"ratio": "1"}
+Estimates = Mapping[str, tuple[float, float, str]]  # parameter -> value, standard error, SI unit
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,26 +52,20 @@ class Finding:
     """One cause with its size.
 
     Args:
-        cause: what it is; an effect or a kind of noise as in a problem file.
-        estimate: parameter -> (value, standard error, SI unit).
+        estimate: parameter -> (value, standard error, SI unit); the total with what the file has, ``stated``.
         p_value: family-wise, of the data without this cause.
-        gain: relative drop of the RMS of held-out rows by it, everything else fitted again without it.
-        confounded_with: causes that could replace it.
-        interval: of the gain, 95 %, by bootstrap over the groups of the cross-validation; of effects alone.
+        gain: relative drop of the RMS of held-out rows by it, all else fitted again without it; ``interval`` 95 %.
         determined: whether the data determine the size, whatever else is chosen beside it; else it is stated nowhere.
-        place: of an effect among those of the model; ``stated_parts`` those of its parts that the cause is of.
-        open_part: the rest of that effect: lines that the data do not determine beside others; it is stated nowhere.
-        stated: the effect as the problem file has it; ``estimate`` is its total then.
-        refuted_sigma: of a statement of the file that the data refute, its σ [SI], 0 where it was exact; else None. It
-            is found before the search: the arm has it, and the model fits no size of it.
-        plausible_range: the sizes that such a cause can have on this arm; None where none is known to be impossible.
-        would_need: what would have to be true for it to be this cause, where its size is beyond that range; else empty.
+        place: of an effect among those of the model; ``stated_parts`` those of its parts that the cause is of, and
+            ``open_part`` the rest, lines that the data do not determine beside others.
+        refuted_sigma: of a statement of the file that the data refute, its σ [SI], 0 where it was exact; it is found
+            before the search: the arm has it, and the model fits no size of it.
+        would_need: what would have to be true for a size beyond ``plausible_range``; else empty.
         parts: of its joint that turn as often as it repeats.
-        fitted: what the fit says of its size, with what the data are like; None of what is no effect.
     """
 
     cause: Cause
-    estimate: Mapping[str, tuple[float, float, str]]
+    estimate: Estimates
     p_value: float
     gain: float
     confounded_with: tuple[Cause, ...] = ()
@@ -79,19 +81,24 @@ class Finding:
     parts: tuple[RotatingPart, ...] = ()
     fitted: FittedSizes | None = None
 
+    @classmethod
+    def independent(
+        cls, cause: Cause, estimate: Estimates, p_value: float, gain: float, confounded_with: tuple[Cause, ...]
+    ) -> Finding:
+        sizes = ((np.array([value]), np.array([[std**2]])) for value, std, _ in estimate.values())
+        determined = all(is_determined(*size) for size in sizes)
+        return cls(cause, estimate, p_value, gain, confounded_with, determined=determined)
+
     @property
     def sizes(self) -> FittedSizes:
-        """Its size as words and inspections need it."""
         return self.fitted or FittedSizes(self.estimate)
 
     @property
     def label(self) -> str:
-        """Kind and target, as its size has them."""
         return self.cause.labelled(self.sizes)
 
     @property
     def size_text(self) -> str:
-        """The size that is shown with its words; empty where no single number says it, or no data."""
         return self.cause.headline(self.sizes) if self.determined else ""
 
     @property
@@ -101,22 +108,14 @@ class Finding:
 
     @property
     def plausible(self) -> bool:
-        """Whether an arm can have this cause in this size, by what is published."""
         return not self.would_need
 
     @property
-    def status(self) -> Literal["determined", "size_undetermined"]:
-        """Whether the data determine the size, in a word of the document."""
-        return "determined" if self.determined else "size_undetermined"
-
-    @property
     def kind(self) -> str:
-        """The name of the cause in files."""
         return self.cause.kind
 
     @property
     def target(self) -> str:
-        """What the cause is of, as in files."""
         return self.cause.target
 
     @property
@@ -130,24 +129,19 @@ class Finding:
         return self.cause if isinstance(self.cause, NoiseEffect) else None
 
     def inspect(self, robot: Robot) -> str:
-        """What to look at on the arm, in one line."""
         return self.cause.inspect_fitted(robot, self.sizes)
 
-    def _rival_json(self, rival: Cause) -> dict[str, str]:
-        """Kind and target; of an alias, which has both in common with this cause, what distinguishes it."""
-        named = {"kind": rival.kind, "target": rival.target}
-        alias = (rival.kind, rival.target) == (self.kind, self.target) and rival.qualifier != self.cause.qualifier
-        return {**named, "qualifier": rival.qualifier} if alias else named
-
     def to_json(self) -> dict[str, Json]:
-        """The entry of ``effects`` in ``diagnosis.json``."""
-        interval = {} if self.interval is None else {"gain_interval95": list(self.interval)}
-        of_file = {} if self.stated is None else _named_values(self.stated)
-        stated = {name: {"stated": value} for name, value in of_file.items()}
+        stated = {name: {"stated": value} for name, value in _named_values(self.stated).items()}
+
+        def alias(rival: Cause) -> bool:
+            same = (rival.kind, rival.target) == (self.kind, self.target)
+            return same and rival.qualifier != self.cause.qualifier
+
         return {
             "kind": self.kind,
             "target": self.target,
-            "status": self.status,
+            "status": "determined" if self.determined else "size_undetermined",
             "estimate": {
                 n: {"value": v, "std": s, "unit": u, **stated.get(n, {})}
                 for n, (v, s, u) in self.estimate.items()
@@ -155,8 +149,11 @@ class Finding:
             },
             "p_value": self.p_value,
             "gain": self.gain,
-            **interval,
-            "confounded_with": [self._rival_json(c) for c in self.confounded_with],
+            **({} if self.interval is None else {"gain_interval95": list(self.interval)}),
+            "confounded_with": [
+                {"kind": c.kind, "target": c.target, **({"qualifier": c.qualifier} if alias(c) else {})}
+                for c in self.confounded_with
+            ],
             **({} if self.refuted_sigma is None else {"refuted_sigma": self.refuted_sigma}),
             "plausible": self.plausible,
             "would_need": self.would_need or None,
@@ -173,13 +170,7 @@ def effect_findings(
     groups: Codes,
     unrefuted: Mapping[int, tuple[Effect, ...]],
 ) -> list[Finding]:
-    """The named effects of a search with their fitted sizes, and what held-out rows lose without each, most first.
-
-    Args:
-        predictive: the arm with these effects; ``model`` the same with the standard errors of the choice, too.
-        groups: what its folds leave out together.
-        unrefuted: by place among the chosen, further effects that could replace it.
-    """
+    """The named effects of a search with their fitted sizes, and what held-out rows lose without each, most first."""
     left = predictive.left_out
     findings = []
     for place, i in enumerate(i for i, s in enumerate(found.chosen) if s.named):
@@ -204,28 +195,22 @@ def effect_findings(
 
 
 def _stated_effect(model: Fit, place: int) -> Effect | None:
-    """The effect in the file that a fitted one adds to."""
     name = model.residuals.parameters[model.slices[place].start].name
     own = next(e for e in model.residuals.arm.effects if name in e.parameter_names)
     return own if any(own.values) else None
 
 
-def _named_values(effect: Effect) -> dict[str, float]:
-    """Parameter of an effect -> its value [SI]."""
-    names = (name for name, _ in effect.dimensions)
-    return dict(zip(names, effect.values, strict=True))
+def _named_values(effect: Effect | None) -> dict[str, float]:
+    """Parameter of an effect -> its value [SI]; nothing of no effect."""
+    return {} if effect is None else {name: v for (name, _), v in zip(effect.dimensions, effect.values, strict=True)}
 
 
 def _estimates_of(model: Fit, place: int, parts: Sequence[int] = (0,)) -> dict[str, tuple[float, float, str]]:
-    """Parameter, or shape, -> (value, standard error, SI unit), with what the file states of it.
-
-    Args:
-        parts: those of the effect that are stated.
-    """
+    """Parameter, or shape, -> (value, standard error, SI unit), with what the file states of it."""
     effect, own = model.effects[place].of_parts(parts), _stated_effect(model, place)
-    known, part = {} if own is None else _named_values(own), places_of_parts(model, place, parts)
+    known, part = _named_values(own), places_of_parts(model, place, parts)
     rows = zip(effect.dimensions, model.x[part], model.std[part], strict=True)
-    estimate = {n: (known.get(n, 0.0) + float(v), float(s), _si_unit(dimension)) for (n, dimension), v, s in rows}
+    estimate = {n: (known.get(n, 0.0) + float(v), float(s), _SI_UNITS[dimension]) for (n, dimension), v, s in rows}
     for name in effect.shape:
         value = float(getattr(effect, name))
         fitted = place in model.shapes and name == effect.smooth_shape
@@ -237,11 +222,7 @@ def _estimates_of(model: Fit, place: int, parts: Sequence[int] = (0,)) -> dict[s
 
 
 def tool_shifts(model: Fit, finding: Finding) -> tuple[Array, Array]:
-    """(N,) how far a cause moves the tool point in each row [m], and the part of it that geometry cannot imitate.
-
-    Args:
-        finding: of an effect of the model.
-    """
+    """(N,) how far a cause moves the tool point in each row [m], and the part of it that geometry cannot imitate."""
     assert finding.place is not None
     residuals = model.residuals
     own = places_of_parts(model, finding.place, finding.stated_parts)
@@ -252,57 +233,24 @@ def tool_shifts(model: Fit, finding: Finding) -> tuple[Array, Array]:
     return np.asarray(alone), np.asarray(beyond)
 
 
-def _si_unit(dimension: str) -> str:
-    """The SI unit of a dimension of parameters; 1 of a ratio."""
-    return "1" if dimension == "ratio" else DIMENSIONS[dimension][0]
-
-
 def noise_finding(cause: NoiseCause) -> Finding:
-    """A kind of noise as a finding: it brings nothing to the errors themselves."""
-    clear = _all_determined(cause.estimate)
-    return Finding(cause.effect, cause.estimate, cause.p_value, 0.0, cause.confounded_with, determined=clear)
+    return Finding.independent(cause.effect, cause.estimate, cause.p_value, 0.0, cause.confounded_with)
 
 
 def contradiction_findings(calibration: Calibration) -> list[Finding]:
-    """What the file states as known and the data refute, as findings; the gain is that of setting it aside.
-
-    They are found before the search: the model has no size of them to fit.
-    """
-    return [
-        Finding(c.cause, c.estimate, c.p_value, c.gain, refuted_sigma=c.sigma)
-        for c in calibration.contradictions
-        if c.gain > 0
-    ]
-
-
-def geometry_finding(cause: GeometryCause) -> Finding:
-    """A geometric cause as a finding."""
-    clear = _all_determined(cause.estimate)
-    return Finding(cause.deviation, cause.estimate, cause.p_value, cause.gain, cause.confounded_with, determined=clear)
-
-
-def _all_determined(estimate: Mapping[str, tuple[float, float, str]]) -> bool:
-    """Whether each of independent estimates is determined."""
-    return all(is_determined(np.array([value]), np.array([[std**2]])) for value, std, _ in estimate.values())
+    refuted = (c for c in calibration.contradictions if c.gain > 0)
+    return [Finding(c.cause, c.estimate, c.p_value, c.gain, refuted_sigma=c.sigma) for c in refuted]
 
 
 def unknowable_causes(residuals: Residuals) -> tuple[Limit, ...]:
-    """Causes that are not identifiable from data of this kind, whatever their size.
-
-    Returns:
-        One limit for each kind of cause that says so of these data, as the scale of an instrument of an arm with free
-            lengths.
-    """
+    """Causes that are not identifiable from data of this kind, whatever their size."""
     lengths = [p.name for p in residuals.parameters if p.group == "geometry" and p.unit == "m" and abs(p.nominal) > 0]
     evidence = Evidence(residuals.data.kind.fixes_size, tuple(lengths))
     return tuple(limit for kind in CATALOGUE if (limit := kind.unknowable(evidence)) is not None)
 
 
 def missing_inputs(residuals: Residuals) -> dict[str, tuple[str, str, tuple[str, ...]]]:
-    """Input that the files lack -> what it is, how to supply it, and the kinds of effects that need it.
-
-    Compliances are searched for without the masses of the links too: they are unknowns then.
-    """
+    """Input that the files lack -> what it is, how to supply it, and the kinds of effects that need it."""
     excitation = case_of(residuals.data, residuals.robot)
     have = set(excitation.inputs)
     if any(np.isfinite(j.gear_ratio) for j in residuals.robot.joints):
@@ -312,3 +260,59 @@ def missing_inputs(residuals: Residuals) -> dict[str, tuple[str, str, tuple[str,
         for lacking in sorted(kind.needs - have):
             missing.setdefault(lacking, []).append(kind.kind_name())
     return {key: (needed.words, needed.hint, tuple(missing[key])) for key, needed in INPUTS.items() if key in missing}
+
+
+def with_plausibility(findings: Sequence[Finding], model: Fit, robot: Robot) -> list[Finding]:
+    """Effects of a fit with their range, what they would need beyond it, and the parts that repeat.
+
+    A cause beyond its range has competed with all others and stays: the data look like it.
+    """
+    seen: Counter[str] = Counter()
+    found = []
+    for finding in findings:
+        effect = finding.effect
+        assert effect is not None
+        seen[effect.kind] += 1
+        sizes = _sizes_of(model, finding)
+        found.append(
+            replace(
+                finding,
+                plausible_range=effect.plausible(robot),
+                would_need=_would_need(effect, finding, sizes, model, robot, seen[effect.kind]),
+                parts=effect.rotating_parts(robot),
+                fitted=sizes,
+            )
+        )
+    return found
+
+
+def _sizes_of(model: Fit, finding: Finding) -> FittedSizes:
+    """Estimate, covariance, turn, range and resolution of the joint that a finding moves [rad]; 0 if none."""
+    place, data = finding.place, model.residuals.data
+    assert place is not None
+    part = places_of_parts(model, place, finding.stated_parts)
+    turned = turns_of(model, place)[:, :, [k - model.slices[place].start for k in part]] @ model.x[part]
+    if len(turned) > 1:  # the parts of a tilt vary one by one
+        turned = np.linalg.norm(turned, axis=0)
+    moved = finding.cause.moved_joint
+    q = data.q[:, data.joint_names.index(moved)] if moved in data.joint_names else None
+    seen = (0.0, 0.0) if q is None else (float(np.ptp(q)), resolution(q))
+    rms = turn_about_mean(model, place, finding.stated_parts)
+    turn = float(turned.min()), float(turned.max())
+    return FittedSizes(finding.estimate, model.covariance[np.ix_(part, part)], turn, rms, *seen)
+
+
+def _would_need(effect: Effect, finding: Finding, sizes: FittedSizes, model: Fit, robot: Robot, rank: int) -> str:
+    """What would have to be true for the ``rank``-th largest of a kind to be what it looks like; empty if it can be."""
+    most = effect.most_in_session
+    if most is not None and rank > most:
+        return f"{rank} of them in one session, where more than {most} is rare: rather something moves all the time"
+    known = effect.plausible(robot)
+    if known is None or not finding.determined:
+        return ""
+    assert finding.place is not None
+    against = bool(np.all(model.x[model.slices[finding.place]] < 0))
+    if isinstance(effect, GravityLoaded) and effect.unstated_loads and against:
+        return "gravity compensation, in the controller or by springs, that does too much: it rises against its load"
+    value, std = effect.plausible_size(sizes)
+    return "" if known.holds(value, std) else known.would_need(value)

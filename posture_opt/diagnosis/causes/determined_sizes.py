@@ -1,31 +1,34 @@
-"""Whether data determine the size of a cause: all directions of its parameters together, not only the best one."""
+"""Whether data determine the size of a cause, and what adds to its standard error: the choice, and masses."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from posture_opt.calibration.cross_validation import LinearModel, refit_of_fold, residual_indices
 from posture_opt.calibration.estimation.effect_sensitivities import EffectSensitivities
 from posture_opt.calibration.estimation.fit import Fit
-from posture_opt.diagnosis.scores import levels
-from posture_opt.model.effects.base.gravity_load import GravityLoaded
-from posture_opt.numerics import Array
+from posture_opt.diagnosis.search.nested_selection import NestedSelection
+from posture_opt.model.effects import Effect
+from posture_opt.model.effects.base.joint_effect import GravityLoaded
+from posture_opt.numerics import Array, Codes
 
 
 def is_determined(values: Array, covariance: Array, columns: Array | None = None) -> bool:
     """Whether a size is larger than its error is at 95 %, all directions of its parameters together.
 
-    The size of parameters θ (k,) is how far they move the tool points, ``|B θ|``, and its error that of a random
-    ``B e``: ``|B θ|² > t χ²_{ν, 0.95} / ν`` with ``t = tr M``, ``ν = t² / tr M²`` and ``M = B C Bᵀ``. A size whose
-    error is large in a single direction, however well all others are known, is none: it is at least 1.96 times its
-    error in the worst one. What has no standard error is no estimate.
+    The size of parameters θ (k,) is how far they move the tool points, ``|B θ|``, and its error that of a random ``B
+    e``: ``|B θ|² > t χ²_{ν, 0.95} / ν`` with ``t = tr M``, ``ν = t² / tr M²`` and ``M = B C Bᵀ``. A size whose error is
+    large in a single direction, however well all others are known, is none: it is at least 1.96 times its error in the
+    worst one. What has no standard error is no estimate.
+
+    Source: Satterthwaite (1946), the distribution of sums of squares of unequal variances.
 
     Args:
         values: θ [SI]; covariance: C (k, k) of them.
         columns: B (m, k), the tool points moved by one unit each; one for all, where they are not given.
-
-    Source: Satterthwaite (1946), the distribution of sums of squares of unequal variances.
 
     Example:
         >>> import numpy as np
@@ -45,19 +48,11 @@ def is_determined(values: Array, covariance: Array, columns: Array | None = None
     if not trace > 0:
         return True
     freedom = max(trace**2 / float(np.sum(M * M.T)), 1.0)
-    return float(z @ gram @ z) > trace / freedom * float(chdtri(freedom, levels.SIZE_LEVEL))
+    return float(z @ gram @ z) > trace / freedom * float(chdtri(freedom, 0.05))
 
 
 def determined_parts(model: Fit, place: int) -> tuple[int, ...]:
-    """Which parts of an effect have a size that the data of a fit determine, given geometry and all other parts.
-
-    A slow line that trades with the geometry leaves fast ones of the same joint as sure as they are. Where no part is
-    sure by itself, as of lines next to each other, all of them are if their sum is. The standard errors are those with
-    shapes fitted too: a size that trades with its shape is not determined either.
-
-    Args:
-        place: of the effect among those of the model.
-    """
+    """Which parts of an effect have a size that the data of a fit determine, given geometry and all other parts."""
     own, B = model.slices[place], model.effect_columns(place)
     x, C = model.x[own], model.covariance[own, own]
     parts = model.effects[place].size_parts
@@ -72,11 +67,7 @@ def determines_all(model: Fit, place: int) -> bool:
 
 
 def stated_parts(model: Fit, place: int) -> tuple[int, ...]:
-    """The parts of an effect whose sizes are determined as they are stated; what they do to the tool may be so alone.
-
-    Of unknown loads the turn about its mean is stated: a mean turn, which they share with an offset of the joint, moves
-    the tool too.
-    """
+    """The parts of an effect whose sizes are determined as stated: of unknown loads, the turn about its mean."""
     parts, effect = determined_parts(model, place), model.effects[place]
     if not parts or not (isinstance(effect, GravityLoaded) and effect.unstated_loads):
         return parts
@@ -100,10 +91,7 @@ def turn_about_mean(model: Fit, place: int, parts: Sequence[int]) -> tuple[float
 
 
 def turns_of(model: Fit, place: int) -> Array:
-    """(axes, N, k) turn of its joint by one unit of each parameter of an effect [rad].
-
-    Of what acts on no joint it is that of the tool, about three axes.
-    """
+    """(axes, N, k) turn of its joint by one unit of each parameter of an effect [rad]."""
     state = EffectSensitivities(model.residuals, model.x).state
     ones, rows = model.effects[place].sensitivities(state), np.zeros(len(model.residuals.data))
     joints = np.stack([rows + sum(one.joints.values()) for one in ones], axis=-1)
@@ -118,11 +106,120 @@ def places_of_parts(model: Fit, place: int, parts: Sequence[int]) -> list[int]:
     return [first + k for i in parts for k in range(every[i].start, every[i].stop)]
 
 
-def determines(model: Fit, place: int) -> bool:
-    """Whether the data of a fit determine the size of one of its effects, or of parts of it."""
-    return bool(determined_parts(model, place))
-
-
 def undetermined(model: Fit) -> list[int]:
-    """The places of the effects of a fit whose sizes the data do not determine."""
-    return [place for place in range(len(model.effects)) if not determines(model, place)]
+    return [place for place in range(len(model.effects)) if not determined_parts(model, place)]
+
+
+def choice_deviations(model: Fit, calibrated: Fit, nested: NestedSelection, size: int) -> Array:
+    """Parameters (S, K, k) beside what each of K folds chose of S sizes, minus those of this model [SI].
+
+    A standard error holds for the model that was chosen. Other rows choose other neighbours, and what these leave out
+    goes into the rest. To the rows of every fold two models are fitted: this one, and the geometry with what the fold
+    chose and those effects of the model that it lacks. Where more effects predict rows left out better, but not
+    clearly, sets of that size are as good a choice, and compared alike.
+    """
+    sizes = np.setdiff1d(np.arange(model.directions.shape[1]), model.geometry)
+    own = LinearModel.with_columns(model, model.residuals_and_jacobian[1] @ model.directions[:, sizes])
+    steps = model.directions[:, np.concatenate([model.geometry, sizes])]
+    counts = (size, nested.best) if nested.best > size else (size,)
+    found = np.zeros((len(counts), len(nested.folds), len(model.x)))
+    for i, count in enumerate(counts):
+        for k, fold in enumerate(nested.fitted_sets(calibrated, count, model.effects)):
+            here = model.x + steps @ _refitted(own, fold[0], model)
+            found[i, k] = _fold_estimate(model, calibrated, *fold) - here
+    return found
+
+
+def with_choice_errors(fit: Fit, deviations: Array) -> Fit:
+    """Add the spread between the folds' choices to a covariance: ``C + (t / 1.96)² Σ δ_k δ_kᵀ / (K − 1)``.
+
+    Sources: Buckland, Burnham, Augustin (1997), equation 4, the choices of the folds for the models; JCGM 100:2008,
+    annex G.3, for t.
+
+    Args:
+        deviations: δ (S, K, k) of the parameters, from `choice_deviations`.
+    """
+    from scipy.special import stdtrit
+
+    sizes, folds, _ = deviations.shape
+    if folds < 2 or not np.any(deviations):
+        return fit
+    freedom = folds - 1
+    steps = deviations.reshape(sizes * folds, -1) @ np.linalg.pinv(fit.directions).T
+    few = float(stdtrit(freedom, 0.975)) / 1.96
+    return replace(fit, C=fit.C + few**2 * steps.T @ steps / (sizes * freedom))
+
+
+def _refitted(linear: LinearModel, left_out: Codes, fit: Fit) -> Array:
+    """The step (c,) of a linear model without the rows of a fold."""
+    theirs = residual_indices(left_out, fit.residuals.block)
+    return refit_of_fold(linear, linear.r, np.arange(linear.K.shape[1]), theirs)[0]
+
+
+def _fold_estimate(
+    model: Fit, calibrated: Fit, left_out: Codes, linear: LinearModel, effects: Sequence[Effect],
+    columns: Sequence[Array],
+) -> Array:  # fmt: skip
+    """The parameters (k,) of the model as one fold has them; further arguments from `NestedSelection.fitted_sets`."""
+    step = _refitted(linear, left_out, calibrated)
+    x = model.x.copy()
+    x[: len(calibrated.x)] = calibrated.x + linear.basis @ step
+    moved: dict[tuple[str, str], Array] = {}
+    first = len(step) - sum(B.shape[1] for B in columns)
+    for effect, B in zip(effects, columns, strict=True):
+        norms = np.linalg.norm(B, axis=0)
+        one = B @ (step[first : first + B.shape[1]] / np.where(norms > 0, norms, 1.0))
+        moved[effect.kind, effect.target] = moved.get((effect.kind, effect.target), 0.0) + one
+        first += B.shape[1]
+    for i, effect in enumerate(model.effects):
+        _set_parameters(model, i, moved[effect.kind, effect.target], x)
+    return x
+
+
+def _set_parameters(model: Fit, place: int, moved: Array, x: Array) -> None:
+    """Writes into x (k,) the size and shape of an effect that moves the residuals most like ``moved`` (m,)."""
+    part, shape = model.slices[place], model.shapes.get(place)
+    own = [*range(part.start, part.stop), *([] if shape is None else [shape])]
+    J = model.jacobian[:, own]
+    norms = np.linalg.norm(J, axis=0)
+    scale = np.where(norms > 0, norms, 1.0)
+    # A shape that does what sine and cosine do is not told from them.
+    found = np.linalg.lstsq(J / scale, moved[: len(J)], rcond=1e-10)[0] / scale
+    sizes = part.stop - part.start
+    x[part] = found[:sizes]
+    if shape is not None:
+        x[shape] = model.x[shape] + found[sizes]
+
+
+def with_mass_errors(fit: Fit) -> Fit:
+    """Add the errors of stated masses to the covariance of an estimate: ``C + Σ_k s_k s_kᵀ``.
+
+    ``s_k = −σ A⁺ ∂(Z θ)/∂ln m_k`` with A all columns of the fit and Z those of the effects that rest on masses, of size
+    θ: parameters that are not estimated, but considered. Where payloads differ, these determine the sizes, and s_k is
+    small. σ is 5 %, a choice: cables, covers and grease are in no table of the maker.
+
+    Source: Tapley, Schutz, Born (2004), Statistical Orbit Determination, section 6.2.
+    """
+    loaded = [i for i, effect in enumerate(fit.effects) if "masses" in effect.asks]
+    if not loaded:
+        return fit
+    A, inverse = fit.jacobian @ fit.directions, np.linalg.pinv(fit.minimum.R, rcond=1e-14)
+    robot, now = fit.residuals.robot, _shift(fit, fit, loaded)
+    steps = []
+    for k, joint in enumerate(robot.joints):
+        if not joint.mass > 0:
+            continue
+        # Columns are linear in a mass but for the lost motion of a load: a step of 10 % serves.
+        joints = (*robot.joints[:k], replace(joint, mass=1.1 * joint.mass), *robot.joints[k + 1 :])
+        heavier = fit.residuals.of_robot(replace(robot, joints=joints), fit.residuals.parameters)
+        change = (_shift(fit, replace(fit, residuals=heavier), loaded) - now) * 0.05 / 0.1
+        steps.append(-inverse @ (inverse.T @ (A.T @ change)))
+    S = np.array(steps).reshape(len(steps), A.shape[1])
+    return replace(fit, C=fit.C + S.T @ S)
+
+
+def _shift(fit: Fit, loads: Fit, effects: list[int]) -> Array:
+    """(m,) what effects of a fit do to its residuals under the masses of another."""
+    sensitivities = EffectSensitivities(loads.residuals, loads.x)
+    moved = [sensitivities.columns(fit.effects[i]) @ fit.x[fit.slices[i]] for i in effects]
+    return np.asarray(np.sum(moved, axis=0)[: fit.residuals.measured])

@@ -15,29 +15,14 @@ from posture_opt.model.effects import NOISES, NoiseEffect, Pattern, Rows, Stated
 from posture_opt.numerics import Array, Mask
 from posture_opt.validation.scatter_model import null_sets
 
-_MIN_FREE_SHARE = 0.02  # share of a residual that a fit leaves free at the least: beyond, it says nothing of the noise
-_STUDENT_FREEDOM = np.geomspace(1.5, 60, 40)  # from tails without a variance to all but Gaussian ones
-_STUDENT_EM_ROUNDS = 30  # of EM (Lange, Little, Taylor 1989): more digits than a choice by BIC needs
-_FIRST_SHARE, _EM_ROUNDS, _EM_TOLERANCE = 0.02, 200, 1e-8  # EM: where it starts, and where it ends for certain
-_MAX_NULL_NUMBERS = 4_000_000  # of null sets at a time: 32 MB
-GROSS_ERRORS = "gross errors"  # a law of residuals: Gaussian with a few gross errors
-
 
 @dataclass(frozen=True)
 class NoiseCandidate:
     """A kind of noise with its likelihood ratio test.
 
     Args:
-        kind, target: as of an effect in a problem file.
-        ratio: twice the log likelihood ratio; ``p_value`` family-wise.
-        quantity: name and SI unit of ``size``: of a joint its σ, of range noise the growth of σ over the span of
-            ranges, of a stated σ the factor by which it is off.
-        size, std: the likeliest and its standard error; ``strength`` what it has in common with the same noise in
-            other rows.
-        named: the same as an effect of a problem file, if its size is not zero.
         spread: (N, d) shift of the rows per standard deviation of it, in units of their other scatter; ``None`` of a
             range.
-        of_arm: whether it is drawn anew at every repeat.
         scale: (d,) of a quantity whose σ is wrong, by which its coordinates are too large; None of other noise.
     """
 
@@ -56,12 +41,10 @@ class NoiseCandidate:
 
     @property
     def who(self) -> tuple[str, str]:
-        """Kind and target."""
         return self.kind, self.target
 
     @property
     def estimate(self) -> dict[str, tuple[float, float, str]]:
-        """Its size by name: value, standard error, SI unit."""
         name, unit = self.quantity
         return {name: (self.size, self.std, unit)}
 
@@ -70,32 +53,27 @@ def standardised_residuals(e: Array, leverage: Array) -> Array:
     """(N, d) standardised residuals ``(I − H_ii)^(−1/2) e_i`` of residuals (N, d) and leverages (N, d, d).
 
     Source: Cook, Weisberg (1982), section 2.2.
-
-    The inverse root gives back what the fit has taken of the noise of a row; the share left free is 2 % at the least.
     """
     d = e.shape[1]
     values, vectors = np.linalg.eigh(np.eye(d) * (1 + 1e-9) - leverage)
-    root = np.einsum("nij,nj,nkj->nik", vectors, 1 / np.sqrt(np.maximum(values, _MIN_FREE_SHARE)), vectors)
+    # With less than 2 % left free by a fit, a residual says nothing of the noise.
+    root = np.einsum("nij,nj,nkj->nik", vectors, 1 / np.sqrt(np.maximum(values, 0.02)), vectors)
     return np.asarray(np.einsum("nij,nj->ni", root, e))
 
 
-def score_uneven_noise(e: Array, rows: Rows, seed: int) -> list[NoiseCandidate]:
+def score_uneven_noise(e: Array, rows: Rows, seed: int, draws: int = 399) -> list[NoiseCandidate]:
     """Heteroscedastic noise: every joint, and the range, as the cause of noise that is not the same everywhere.
 
-    The null distribution turns the residuals of every repeat at random and permutes the repeats, so that heavy tails
-    alone raise no alarm.
+    The null distribution, of ``draws`` data sets, turns the residuals of every repeat at random and permutes the
+    repeats, so that heavy tails alone raise no alarm.
 
     Args:
         e: (N, d) standardised residuals.
-        rows: levers, ranges and repeats of the rows; seed: of the null distribution.
-
-    Returns:
-        One candidate for each pattern, the largest likelihood ratio first; p-values are of the largest of all patterns.
     """
     patterns = [pattern for kind in NOISES for pattern in kind.patterns(rows)]
     if not patterns:
         return []
-    found = _noise_fits(e, rows, patterns, seed)
+    found = _noise_fits(e, rows, patterns, seed, draws)
     most = np.stack([fit.drawn for fit in found]).max(axis=0)
     candidates = [fit.candidate(pattern, most) for fit, pattern in zip(found, patterns, strict=True)]
     return sorted(candidates, key=lambda s: -s.ratio)
@@ -103,13 +81,7 @@ def score_uneven_noise(e: Array, rows: Rows, seed: int) -> list[NoiseCandidate]:
 
 @dataclass(frozen=True, eq=False)
 class RepeatedNoise:
-    """What the differences between repeats say of one kind of noise.
-
-    Args:
-        candidate: the noise as the repeats alone have it, ``p_value`` of it alone.
-        loss: twice the log likelihood that they lose where its size is the one that was asked for; ``without`` where
-            there is no such noise.
-    """
+    """What the differences between repeats say of one kind of noise."""
 
     candidate: NoiseCandidate
     loss: float
@@ -118,29 +90,19 @@ class RepeatedNoise:
     @property
     def refuted(self) -> bool:
         """Whether the repeats scatter by another size."""
-        return self.loss > levels.REFUTED_SIZE_LOSS
+        return self.loss > 6.63  # the 99 % quantile of χ² (Wilks 1938)
 
     @property
     def confirmed(self) -> bool:
-        """Whether they scatter, and by that size.
-
-        Structure accuses many joints, and one of them may scatter by chance. There is one instrument: that it is as all
-        rows have it, rather than the same at all distances, is a single question.
-        """
+        """Whether they scatter, and by that size."""
         if self.refuted:
             return False
-        likelier = not self.candidate.of_arm and self.without - self.loss > levels.LIKELIER_NOISE
+        likelier = not self.candidate.of_arm and self.without - self.loss > 2.71  # 95 % of one side (Wilks 1938)
         return likelier or self.candidate.p_value < levels.REPEATED_NOISE_LEVEL
 
 
 def score_repeats(e: Array, rows: Rows, asked: NoiseCandidate, seed: int) -> RepeatedNoise | None:
-    """The likelihood ratio test of one kind of noise on contrasts (C, d) of repeats; ``None`` where they are too few.
-
-    The null is that of `score_uneven_noise`; no other candidate competes, as this one was found elsewhere.
-
-    Args:
-        asked: the candidate of all rows whose kind, target and size are tested.
-    """
+    """The likelihood ratio test of one kind of noise on contrasts (C, d) of repeats."""
     if e.size < levels.MIN_REPEAT_FREEDOM:
         return None
     patterns = (p for kind in NOISES for p in kind.patterns(rows))
@@ -157,7 +119,6 @@ class _Fit:
 
     Args:
         ratio: twice the log likelihood ratio of the best size; ``drawn`` (F,) those of the null distribution.
-        value, s2: the likeliest, on the parabola through the top of the grid.
         curve, variances: (grid,) twice the log likelihood ratio, and s², of every value of the grid.
     """
 
@@ -170,10 +131,7 @@ class _Fit:
 
     @classmethod
     def of(cls, sets: Array, total: Array, pattern: Pattern) -> _Fit:
-        """Of residuals (1 + F, N, d), the first set the one that was measured, and their squared lengths (1 + F, N).
-
-        The ratio is the largest on the grid, in all sets alike.
-        """
+        """Of residuals (1 + F, N, d), the first set the one that was measured, and their squared lengths (1 + F, N)."""
         _, N, d = sets.shape
         along = pattern.along(sets)
         null = -N * d / 2 * np.log(total.sum(axis=1) / (N * d))
@@ -202,14 +160,11 @@ class _Fit:
         return float(self.curve.max() - np.interp(strength, own, self.curve))
 
 
-def _noise_fits(e: Array, rows: Rows, patterns: Sequence[Pattern], seed: int) -> list[_Fit]:
-    """Noise of each pattern in residuals (N, d) and in `levels.NOISE_DRAWS` sets as chance could have them.
-
-    Of many rows some sets are drawn at a time, for memory.
-    """
-    rng, left, found = np.random.default_rng(seed), levels.NOISE_DRAWS, list[list[_Fit]]()
+def _noise_fits(e: Array, rows: Rows, patterns: Sequence[Pattern], seed: int, draws: int = 399) -> list[_Fit]:
+    """Noise of each pattern in residuals (N, d) and in sets as chance could have them, some of 32 MB at a time."""
+    rng, left, found = np.random.default_rng(seed), draws, list[list[_Fit]]()
     while left > 0:
-        count = min(left, max(_MAX_NULL_NUMBERS // e.size, 1))
+        count = min(left, max(4_000_000 // e.size, 1))
         sets = np.concatenate([e[None], null_sets(e, rows.visits, count, rng)])
         total = np.einsum("fnd,fnd->fn", sets, sets)
         found.append([_Fit.of(sets, total, pattern) for pattern in patterns])
@@ -219,13 +174,7 @@ def _noise_fits(e: Array, rows: Rows, patterns: Sequence[Pattern], seed: int) ->
 
 
 def _log_likelihoods(pattern: Pattern, values: Array, total: Array, along: Array | None, d: int) -> tuple[Array, Array]:
-    """Log likelihoods (G, F) and likeliest s² (G, F) of noise of several sizes in F data sets.
-
-    Args:
-        values: (G,) sizes, as on the pattern's grid.
-        total: (F, N) squared lengths of residuals; along: (F, N) their squared part along the pattern's direction, or
-            None.
-    """
+    """Log likelihoods (G, F) and likeliest s² (G, F) of noise of several sizes in F data sets."""
     N, determinants = total.shape[1], np.zeros(len(values))
     weights, along_weights = np.ones((len(values), N)), np.zeros((len(values), N))
     for i, value in enumerate(map(float, values)):
@@ -244,7 +193,6 @@ def _log_likelihoods(pattern: Pattern, values: Array, total: Array, along: Array
 
 
 def _parabola_peak(values: list[float]) -> float:
-    """Place of the maximum on the grid, between its points: of the parabola through the three highest."""
     k = int(np.argmax(values))
     if not 0 < k < len(values) - 1:
         return float(k)
@@ -260,10 +208,6 @@ def score_stated_sigma(variance: float, freedom: int, kurtosis: float, estimated
     ``(2 + κ)/ν``, as χ² of so many degrees of freedom over them.
 
     Source: Satterthwaite (1946), Biometrics Bulletin 2, 110-114.
-
-    Args:
-        estimated: ν_stated, degrees of freedom of the stated σ where it is itself an estimate; without, it is exact.
-        variance: residual variance in units of the stated one; freedom: ν.
     """
     from scipy.special import chdtr, chdtrc, fdtr, fdtrc
 
@@ -280,83 +224,49 @@ def score_stated_sigma(variance: float, freedom: int, kurtosis: float, estimated
     return NoiseCandidate(StatedSigma.kind_name(), "data", ratio, p, ("factor", "1"), factor, std, named)
 
 
-@dataclass(frozen=True)
-class Tails:
-    """How the lengths of residuals are spread: as Gaussian ones, with long tails, or with a few gross errors.
+def gross_errors(e: Array) -> tuple[Mask, float] | None:
+    """Rows (N,) that are gross errors among residuals (N, d) of equal covariance, and the BIC of the next best law.
 
-    Args:
-        shape: the best of ``gaussian``, ``heavy``, ``gross errors`` by the least BIC.
-        freedom: of Student's t that fits best.
-        share: of gross errors in the mixture.
-        rows: (N,) whether a row is rather a gross error, by the mixture.
-        evidence: BIC of the next best less that of the best.
-    """
-
-    shape: str
-    freedom: float
-    share: float
-    rows: Mask
-    evidence: float
-
-
-def fit_tails(e: Array) -> Tails:
-    """Gaussian, Student's t, or Gaussian with a few gross errors: the law of residuals (N, d) of equal covariance.
-
-    By BIC over 1, 2 and 3 parameters; e are residuals (N, d) of equal covariance.
+    Less that of a Gaussian with a few gross errors; None where a Gaussian or Student's t is the better law.
     """
     N, d = e.shape
     squares = np.einsum("nd,nd->n", e, e)
-    gaussian = -2 * _gaussian_likelihood(squares, d) + np.log(N)
-    student, freedom = _student_fit(squares, d)
-    mixture, share, rows = _mixture_fit(squares, d)
-    values = {
-        "gaussian": gaussian,
-        "heavy": -2 * student + 2 * np.log(N),
-        GROSS_ERRORS: -2 * mixture + 3 * np.log(N),
-    }
-    if not 0 < rows.sum() <= max(1.0, levels.MAX_OUTLIER_SHARE * N):
-        values[GROSS_ERRORS] = np.inf
-    order = sorted(values, key=lambda name: values[name])
-    return Tails(order[0], freedom, share, rows, float(values[order[1]] - values[order[0]]))
+    gaussian = -N * d / 2 * (np.log(2 * np.pi * squares.mean() / d) + 1)
+    mixture, rows = _mixture_fit(squares, d)
+    laws = -2 * np.array([gaussian, _student_likelihood(squares, d), mixture]) + np.log(N) * np.array([1, 2, 3])
+    few = 0 < rows.sum() <= max(1.0, 0.1 * N)  # the mixtures of Tukey (1960) go to 10 %
+    return (rows, float(laws[:2].min() - laws[2])) if few and laws[2] < laws[:2].min() else None
 
 
-def _gaussian_likelihood(squares: Array, d: int) -> float:
-    """Log likelihood of squared lengths (N,) of d Gaussian coordinates each, their variance the likeliest."""
-    s2 = squares.mean() / d
-    return float(-len(squares) * d / 2 * (np.log(2 * np.pi * s2) + 1))
-
-
-def _student_fit(squares: Array, d: int) -> tuple[float, float]:
-    """Log likelihood and degrees of freedom of Student's t that fits squared lengths (N,) best."""
+def _student_likelihood(squares: Array, d: int) -> float:
+    """Log likelihood of Student's t that fits squared lengths (N,) best."""
     from scipy.special import gammaln
 
-    best, freedom = -np.inf, np.inf
-    for nu in _STUDENT_FREEDOM:
+    found = []
+    for nu in np.geomspace(1.5, 60, 40):  # from tails without a variance to all but Gaussian ones
         s2 = squares.mean() / d
-        for _ in range(_STUDENT_EM_ROUNDS):
+        for _ in range(30):  # of EM (Lange, Little, Taylor 1989): more digits than a choice by BIC needs
             weights = (nu + d) / (nu + squares / s2)
             s2 = float(np.mean(weights * squares) / d)
         value = len(squares) * (gammaln((nu + d) / 2) - gammaln(nu / 2) - d / 2 * np.log(np.pi * nu * s2))
-        value -= (nu + d) / 2 * float(np.log1p(squares / (nu * s2)).sum())
-        if value > best:
-            best, freedom = float(value), float(nu)
-    return best, freedom
+        found.append(value - (nu + d) / 2 * float(np.log1p(squares / (nu * s2)).sum()))
+    return float(max(found))
 
 
-def _mixture_fit(squares: Array, d: int) -> tuple[float, float, Mask]:
+def _mixture_fit(squares: Array, d: int) -> tuple[float, Mask]:
     """EM for ``(1 − w) N(0, s²) + w N(0, (f s)²)``, f at least 4 (Dempster, Laird, Rubin 1977)."""
     s2 = float(np.median(squares)) / d
-    share, wide = _FIRST_SHARE, max(float(squares.max()) / d, (levels.MIN_OUTLIER_RATIO + 1) ** 2 * s2)
+    share, wide = 0.02, max(float(squares.max()) / d, 25 * s2)
     value = -np.inf
-    for _ in range(_EM_ROUNDS):
+    for _ in range(200):
         good = np.log1p(-share) - d / 2 * np.log(2 * np.pi * s2) - squares / (2 * s2)
         bad = np.log(share) - d / 2 * np.log(2 * np.pi * wide) - squares / (2 * wide)
         total = np.logaddexp(good, bad)
         weight = np.exp(bad - total)
         former, value = value, float(total.sum())
-        if abs(value - former) < _EM_TOLERANCE * abs(value):
+        if abs(value - former) < 1e-8 * abs(value):
             break
         share = float(np.clip(weight.mean(), 1e-6, 0.5))
         s2 = float(np.sum((1 - weight) * squares) / (d * np.sum(1 - weight)))
-        wide = max(float(np.sum(weight * squares) / max(d * weight.sum(), 1e-9)), levels.MIN_OUTLIER_RATIO**2 * s2)
-    return value, share, np.asarray(weight > 0.5)
+        wide = max(float(np.sum(weight * squares) / max(d * weight.sum(), 1e-9)), 16 * s2)
+    return value, np.asarray(weight > 0.5)

@@ -1,4 +1,4 @@
-"""The kinds of noise that a diagnosis names, once every other cause is taken away."""
+"""The kinds of noise that a diagnosis names, once every other cause is taken away, and the noise floor."""
 
 from __future__ import annotations
 
@@ -14,64 +14,44 @@ from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.calibration.instruments import variance_components
 from posture_opt.diagnosis.noise.noise_candidates import (
-    GROSS_ERRORS,
     NoiseCandidate,
-    fit_tails,
+    gross_errors,
     score_stated_sigma,
     score_uneven_noise,
     standardised_residuals,
 )
-from posture_opt.diagnosis.noise.uneven_noise import (
-    NoiseCause,
-    NoiseSample,
-    UnevenErrors,
-    find_uneven_noise,
-    spread_by,
-)
+from posture_opt.diagnosis.noise.uneven_noise import NoiseCause, NoiseSample, UnevenErrors, find_uneven_noise
 from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.scores.score_tests import ProjectedBaseline
 from posture_opt.measurements.kinds.mixed import Mixed
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.repeats import Contrasts, apart, repeat_of_row
 from posture_opt.model.effects import JointNoise, Outliers, Rows, StatedSigma
-from posture_opt.numerics import Array, Codes, Mask, rms
+from posture_opt.numerics import Array, Codes, Mask, rms, rms_length
 from posture_opt.selection.problem_data import ProblemData
-from posture_opt.validation.prediction import joint_errors, scatter_of_effects
-from posture_opt.validation.repeat_scatter import prismatic_joints
+from posture_opt.validation.prediction import joint_errors, prismatic_joints, scatter_of_effects
 from posture_opt.validation.scatter_model import whitened_repeats
 
+_TRUE_RATIO = 1.2  # a stated σ is true enough within this factor: less is not worth a word
 _NO_SCATTER = 1e-9  # of the stated σ: rows that are met exactly, and repeats that are copies, show no noise
 
 
 def noise_causes(
-    problem: ProblemData,
-    calibration: Calibration,
-    model: Fit,
-    baseline: ProjectedBaseline,
-    adequacy: float,
-    seed: int,
+    problem: ProblemData, calibration: Calibration, model: Fit, baseline: ProjectedBaseline, adequacy: float, seed: int
 ) -> tuple[list[NoiseCause], list[UnevenErrors]]:
     """Noisy joints or noise that grows with the range; gross outliers; a stated σ that is wrong.
 
-    The second list holds errors that look like a noisy joint, and that repeats do not show to be one.
-
-    A stated σ is wrong where readings, or repeats, scatter otherwise: in residuals, structure and a noisy joint swell
-    them too. Without enough of either, an arm that leaves much more than is stated is left unexplained. Gross errors
-    are sought among all rows, those too that the calibration left out.
-
-    Args:
-        adequacy: p-value of the tests for anything left unexplained, 0 where an unnamed component is.
-        problem: for what it states of instrument and joints.
-        model: the arm with its effects; ``baseline`` everything that was fitted, unnamed components too.
-        seed: of the null distributions.
+    The second list holds errors that only look like a noisy joint. A stated σ is wrong where readings, or repeats,
+    scatter otherwise: in residuals, structure and a noisy joint swell them too. Without enough of either, an arm that
+    leaves much more than is stated is left unexplained.
     """
     if rms(model.whitened) < _NO_SCATTER:
         return [], []
     samples = noise_samples(problem, model.residuals, baseline, _joint_columns(model), sided_joints(model))
     level = levels.FURTHER_NOISE_LEVEL if model.effects else levels.NOISE_LEVEL
     found, uneven = find_uneven_noise(samples.everything, samples.repeats, seed, level, samples.readings)
-    other = bool(found or uneven)
-    found += [] if adequacy < levels.LACK_OF_FIT_LEVEL else _outlier_causes(calibration, model, other)
+    if calibration.outliers and not (found or uneven) and adequacy >= levels.LACK_OF_FIT_LEVEL:
+        found += _outlier_causes(calibration, model)
     if not position_sigma(problem, model.residuals.data) or found:
         return found, uneven
     quantities, repeated = _quantities(problem, model.residuals), samples.repeated
@@ -89,14 +69,11 @@ def noise_causes(
 
 
 def _scattering_joint(repeated: NoiseSample, quantities: Sequence[_Quantity], seed: int) -> NoiseCause | None:
-    """The joint along which repeats scatter, where structure hides that in all rows; None where none is clear.
-
-    What scatters along a joint, and as stated across it, is that joint's, and no wrong σ of the instrument.
-    """
+    """The joint along which repeats scatter, and as stated across it, where structure hides that in all rows."""
     found = score_uneven_noise(repeated.e, repeated.rows, seed)
     if not found or not found[0].of_arm or found[0].p_value > levels.FURTHER_NOISE_LEVEL:
         return None
-    rest = repeated.without(spread_by(found[0], repeated)).e
+    rest = repeated.beside(found[0]).e
     if any(quantity.wrong_sigma(quantity.of(rest), quantity.of(rest).size) for quantity in quantities):
         return None
     return NoiseCause(found[0].named(), found[0].estimate, found[0].p_value)
@@ -105,11 +82,7 @@ def _scattering_joint(repeated: NoiseSample, quantities: Sequence[_Quantity], se
 def _excess_errors(
     problem: ProblemData, model: Fit, quantities: Sequence[_Quantity], read: NoiseSample | None
 ) -> list[UnevenErrors]:
-    """Errors larger than instrument and joints as stated allow, or than readings show where these scatter by more.
-
-    Where no posture was left and met again, nothing else says what an arm that is right would leave. A data sheet's
-    repeatability, which may be of another arm, is allowed too.
-    """
+    """Errors larger than instrument and joints as stated allow, or than readings show where these scatter by more."""
     left = model.whitened.reshape(-1, model.residuals.block)
     left = in_stated_units(problem, model.residuals, left, _joint_columns(model), assumed=True)[0]
     found = list[UnevenErrors]()
@@ -125,10 +98,7 @@ def _excess_errors(
 
 
 def _wrong_instruments(problem: ProblemData, model: Fit) -> list[UnevenErrors]:
-    """Instruments of a mixed file that scatter more than stated while another one is as stated; so with orientations.
-
-    What the model cannot explain shows in all of them; the σ of one is wrong where it alone scatters.
-    """
+    """Instruments of a mixed file that scatter more than stated while another does not: what lacks shows in all."""
     data, kind = model.residuals.data, model.residuals.data.kind
     assert isinstance(kind, Mixed), "a file of several instruments"
     assert data.part is not None, "a file of several instruments"
@@ -140,7 +110,7 @@ def _wrong_instruments(problem: ProblemData, model: Fit) -> list[UnevenErrors]:
             continue
         kurtosis = max(float(np.mean(own**4) / np.mean(own**2) ** 2 - 3), 0.0)
         score = score_stated_sigma(variance, int(freedom), kurtosis)
-        if score.p_value < level and score.size > levels.STATED_SIGMA_RATIO:
+        if score.p_value < level and score.size > _TRUE_RATIO:
             effect = StatedSigma(quantity=kind.quantity_names[k], factor=score.size)
             found.append(UnevenErrors(effect, score.p_value, False, np.zeros(0)))
         agree = agree or score.p_value >= level
@@ -155,24 +125,13 @@ def sided_joints(model: Fit) -> Codes:
 
 
 def known_sides(model: Fit, data: Measurements) -> Mask:
-    """Rows (N,) of the data to which every joint that errs by its side of approach came from a known one.
-
-    To the others, as to the first of a file, a joint with play errs by half of it, whatever else is right.
-    """
+    """Rows (N,) of the data to which every joint that errs by its side of approach came from a known one."""
     return np.asarray(np.all(data.approach[:, sided_joints(model)] != 0, axis=1))
 
 
 @dataclass(frozen=True)
 class _Quantity:
-    """What has a stated σ of its own: positions, or orientations.
-
-    Args:
-        name: as in `StatedSigma`; None where only one is measured.
-        part: its coordinates in a row.
-        used: its σ, by which residuals are whitened, over the stated one.
-        level: of its test.
-        estimated: degrees of freedom of the stated σ where it is itself an estimate.
-    """
+    """What has a stated σ of its own: positions, or orientations."""
 
     name: Literal["position", "orientation"] | None
     part: slice
@@ -185,23 +144,19 @@ class _Quantity:
         return e[:, self.part] * self.used
 
     def wrong_sigma(self, e: Array, freedom: int) -> NoiseCandidate | None:
-        """The factor by which residuals (N, d), of so many degrees of freedom, scatter otherwise than stated.
-
-        None: as stated, or copies of one reading, which say nothing of it.
-        """
+        """The factor by which residuals (N, d), of so many degrees of freedom, scatter otherwise than stated."""
         if rms(e) < _NO_SCATTER:
             return None
         squares = e**2
         # Of few residuals the kurtosis is often far below zero by chance: only long tails count.
         kurtosis = max(float(np.mean(squares**2) / np.mean(squares) ** 2 - 3), 0.0)
         found = score_stated_sigma(float(squares.sum()) / freedom, freedom, kurtosis, self.estimated)
-        wrong = found.p_value < self.level and abs(np.log(found.size)) > np.log(levels.STATED_SIGMA_RATIO)
+        wrong = found.p_value < self.level and abs(np.log(found.size)) > np.log(_TRUE_RATIO)
         effect = StatedSigma(quantity=self.name, factor=found.size)
         return replace(found, target=effect.target, named=lambda: effect) if wrong else None
 
 
 def _quantities(problem: ProblemData, residuals: Residuals) -> tuple[_Quantity, ...]:
-    """What is measured and has a stated σ: position, and orientation; where it is both, they share the level."""
     estimated = None if problem.measurement is None else problem.measurement.degrees_of_freedom
     if not residuals.data.kind.further:
         return (_Quantity(None, slice(None), 1.0, levels.NOISE_LEVEL, estimated),)
@@ -214,15 +169,7 @@ def _quantities(problem: ProblemData, residuals: Residuals) -> tuple[_Quantity, 
 
 @dataclass(frozen=True, eq=False)
 class NoiseSamples:
-    """What is known of the noise, in units of what the file states of it.
-
-    Args:
-        everything: the residuals of all rows.
-        repeats: contrasts of repeats between which the arm left the posture.
-        readings: contrasts of rows of one posture that follow each other, as if it left it in between too; none where
-            the file says that it did not.
-        still: the same, as if it did not.
-    """
+    """What is known of the noise, in units of what the file states of it."""
 
     everything: NoiseSample
     repeats: NoiseSample
@@ -231,10 +178,7 @@ class NoiseSamples:
 
     @property
     def repeated(self) -> NoiseSample | None:
-        """What shows the instrument's noise: readings, else repeats; None where both are too few.
-
-        Of the two ways to take readings, the one that agrees with what the file states.
-        """
+        """What shows the instrument's noise: readings, else repeats; None where both are too few."""
         enough = [s for s in (self.still, self.readings) if s.e.size >= levels.MIN_REPEAT_FREEDOM]
         if not enough and self.repeats.e.size >= levels.MIN_REPEAT_FREEDOM:
             enough = [self.repeats]
@@ -246,11 +190,8 @@ def noise_samples(
 ) -> NoiseSamples:
     """The residuals of all rows, and the contrasts of repeats, in units of what the file states of their scatter.
 
-    Contrasts have lost no freedom to the fit, which errs alike at every repeat: no leverage is given back to them.
-
     Args:
         columns: (n, N, block) whitened residual per unit of each joint.
-        sided: indices of the joints whose side of approach matters, see `Contrasts.of`.
     """
     m, block, data = residuals.measured, residuals.block, residuals.data
     Q = baseline.Q[:m].reshape(-1, block, baseline.Q.shape[1])
@@ -272,10 +213,7 @@ def noise_samples(
 
 
 def noise_shape(model: Fit, causes: Sequence[NoiseCause]) -> Array | None:
-    """Covariance (N, axes, axes) of positions that named noise gives the rows, up to a factor.
-
-    None where it is the same.
-    """
+    """Covariance (N, axes, axes) of positions that named noise gives the rows, up to a factor."""
     residuals = model.residuals
     columns = _joint_columns(model)[:, :, : len(residuals.axes)]
     rows = Rows(residuals.robot, columns, _instrument_ranges(residuals), residuals.sigma)
@@ -311,14 +249,8 @@ def in_stated_units(
 ) -> tuple[Array, Array]:  # fmt: skip
     """Residuals (N, d) and joint columns (n, N, d) in units of what instrument and joints should scatter by.
 
-    Where the file states no scatter of the joints from repeat to repeat, and an instrument that is the same everywhere,
-    all stays as it is, in units of the instrument's σ.
-
     ``L⁻¹ e`` with ``L Lᵀ = D + J diag(σ²) Jᵀ`` of all rows of a repeat, D the instrument's variances: the null
     distribution then knows the scatter that is stated.
-
-    Args:
-        assumed: take the repeatability of the data sheet where the file states none; else it counts as unknown.
     """
     sources, own = problem.sources, relative_sigma(problem, residuals.data)
     scatter = dict(zip(sources.names, np.sqrt(np.diag(sources.scatter)).tolist(), strict=True))
@@ -333,19 +265,57 @@ def in_stated_units(
     return whitened_repeats(e, columns, S, repeat_of_row(residuals.data), instrument)
 
 
-def _outlier_causes(calibration: Calibration, model: Fit, other: bool) -> list[NoiseCause]:
+def _outlier_causes(calibration: Calibration, model: Fit) -> list[NoiseCause]:
     """Gross errors among all rows of known sides, where a few explain the tails better than a long-tailed law."""
-    if not calibration.outliers or other:
-        return []
     residuals = calibration.residuals
     everyone = model.residuals.of_data(residuals.data, residuals.distances)
     e = everyone.whitened(model.x)[: everyone.measured].reshape(-1, residuals.block)
-    law = fit_tails(e[known_sides(model, residuals.data)])
-    if law.shape != GROSS_ERRORS:
+    found = gross_errors(e[known_sides(model, residuals.data)])
+    if found is None or (p := float(np.exp(-max(found[1], 0.0) / 2))) > levels.NOISE_LEVEL:
         return []
-    count = int(law.rows.sum())
-    p = float(np.exp(-max(law.evidence, 0.0) / 2))
-    if p > levels.NOISE_LEVEL:
-        return []
-    share = Outliers(share=count / len(law.rows))
-    return [NoiseCause(share, {"count": (float(count), float("nan"), "1")}, p)]
+    count, rows = float(found[0].sum()), len(found[0])
+    return [NoiseCause(Outliers(share=count / rows), {"count": (count, float("nan"), "1")}, p)]
+
+
+@dataclass(frozen=True)
+class NoiseFloor:
+    """RMS length of an error that no model can explain.
+
+    Args:
+        rms: [m] of the length of the position error, all measured axes together; 0 where it is not known.
+        stated: the floor by what is stated [m], beside that of repeats; 0 where it is not known.
+    """
+
+    rms: float
+    repeated: bool
+    source: Literal["instrument", "touch"] = "instrument"
+    stated: float = 0.0
+
+    @property
+    def label(self) -> str:
+        return "measurement noise" if self.repeated else f"{self.source} as stated"
+
+    @classmethod
+    def of(cls, problem: ProblemData, model: Fit, contrasts: Contrasts) -> NoiseFloor:
+        """The noise floor of measurements.
+
+        ``sqrt(mean |d|²)`` of the contrasts d between repeats of one posture and target, each scaled to the variance of
+        one reading; where there are too few, σ √k for k measured axes.
+        """
+        residuals = model.residuals
+        e = model.whitened.reshape(-1, residuals.block)[:, : len(residuals.axes)] * residuals.sigma
+        source: Literal["instrument", "touch"] = "touch" if residuals.data.touches else "instrument"
+        stated = position_sigma(problem, residuals.data) * float(np.sqrt(e.shape[1]))
+        if len(contrasts) * e.shape[1] < levels.MIN_REPEAT_FREEDOM:
+            return cls(stated, False, source, stated)
+        differences = contrasts.differences(e) / np.sqrt(contrasts.reading)[:, None]
+        return cls(rms_length(differences), True, source, stated)
+
+    def held_out(self, model: Fit, rounds: int) -> float:
+        """The floor [m] with what it costs to fit many parameters to few numbers.
+
+        Rows left out are predicted with the errors of a fit to the others: ``noise · sqrt(1 + k / m)`` for k parameters
+        fitted to m numbers.
+        """
+        numbers = len(model.residuals.data) * len(model.residuals.axes)
+        return self.rms * float(np.sqrt(1 + model.count / (numbers * (1 - 1 / max(rounds, 2)))))

@@ -1,12 +1,8 @@
-"""Noise that is larger at some postures than at others: what all rows raise, and what repeats make of it.
-
-Errors that grow with a joint are its scatter, or a shape that the model lacks: residuals alone cannot say. Only
-repeats of a posture can, where the model errs alike and all that differs is scatter.
-"""
+"""Noise that is larger at some postures than at others: what all rows raise, and what repeats make of it."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,22 +14,16 @@ from posture_opt.diagnosis.noise.noise_candidates import (
     score_uneven_noise,
 )
 from posture_opt.diagnosis.scores import levels
+from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.repeats import Contrasts
 from posture_opt.model.effects import Cause, NoiseEffect, Rows
-from posture_opt.numerics import Array, Codes
+from posture_opt.numerics import Array, Codes, Json
 from posture_opt.validation.scatter_model import whitened_repeats
 
 
 @dataclass(frozen=True)
 class NoiseCause:
-    """A kind of noise that is named, with its size.
-
-    Args:
-        effect: as in a problem file.
-        estimate: name -> (value, standard error, SI unit).
-        p_value: family-wise, of errors of all rows so uneven.
-        confounded_with: kinds of noise that explain the rows nearly as well.
-    """
+    """A kind of noise that is named, with its size; estimate: name -> (value, standard error, SI unit)."""
 
     effect: NoiseEffect
     estimate: Mapping[str, tuple[float, float, str]]
@@ -46,14 +36,8 @@ class UnevenErrors:
     """Errors that grow as one kind of noise would have it, and that repeats do not show to be scatter.
 
     Args:
-        effect: the noise that they look like.
-        p_value: family-wise, of errors of all rows so uneven.
-        refuted: whether repeats scatter by another size; else there are too few of them to decide.
         size: (N,) its standard deviation in each row, in units of the other scatter: where to repeat; empty where no
             posture shows it more than others.
-        still: whether rows of one posture that follow each other do not scatter so: they decide it if the arm left the
-            posture in between, which the file does not say.
-        scatters: whether repeats scatter along this joint too, by less.
     """
 
     effect: NoiseEffect
@@ -77,7 +61,6 @@ class NoiseSample:
     posture: Codes | None = None
 
     def take(self, kept: Codes) -> NoiseSample:
-        """Some of the rows."""
         rows = self.rows
         few = replace(
             rows,
@@ -96,7 +79,6 @@ class NoiseSample:
 
     @property
     def none(self) -> NoiseSample:
-        """No rows at all."""
         return self.take(np.zeros(0, dtype=np.intp))
 
     def scaled(self, scale: Array) -> NoiseSample:
@@ -111,6 +93,12 @@ class NoiseSample:
         e, levers = whitened_repeats(self.e, self.rows.levers, spread[:, :, None], visits, np.ones(self.e.shape))
         return replace(self, e=e, rows=replace(self.rows, levers=levers))
 
+    def beside(self, candidate: NoiseCandidate) -> NoiseSample:
+        """`without` the noise of a joint; as it is beside noise that has no direction."""
+        names = self.rows.robot.joint_names
+        along = candidate.size * self.rows.levers[names.index(candidate.target)] if candidate.of_arm else None
+        return self.without(along)
+
     @classmethod
     def together(cls, samples: Sequence[NoiseSample]) -> NoiseSample:
         """The samples of several robots of one type, whose repeats are all different."""
@@ -124,7 +112,6 @@ class NoiseSample:
         return cls(np.concatenate([sample.e for sample in samples]), rows, posture)
 
     def between(self, contrasts: Contrasts) -> NoiseSample:
-        """The differences between repeats alone."""
         scale = 1 / np.sqrt(contrasts.reading)
         levers = np.moveaxis(contrasts.means(np.moveaxis(self.rows.levers, 0, 2)) * scale[:, None, None], 2, 0)
         ranges = None if self.rows.ranges is None else contrasts.means(self.rows.ranges)
@@ -144,31 +131,35 @@ def _apart(codes: Sequence[Codes | None], sizes: Sequence[int]) -> Codes:
 
 @dataclass(frozen=True, eq=False)
 class _Examined:
-    """A candidate of all rows with what repeats, and rows that follow each other, say of it; ``None``: too few."""
+    """A candidate of all rows with what repeats, and rows of one posture that follow each other, say of it.
+
+    Args:
+        refuted: whether repeats scatter by another size; ``confirmed`` the candidate as what confirms it has it.
+        still: whether only rows that follow each other are enough to say anything.
+        rivals: what explains the rows nearly as well.
+    """
 
     candidate: NoiseCandidate
-    repeated: RepeatedNoise | None
-    read: RepeatedNoise | None
+    refuted: bool = False
+    confirmed: NoiseCandidate | None = None
+    still: bool = False
+    rivals: Sequence[NoiseCandidate] = ()
 
-    @property
-    def refuted(self) -> bool:
-        """Whether repeats scatter by another size.
-
-        Noise of the instrument is in every reading. That of a joint is not where the arm did not leave its posture.
-        """
-        decisive = (self.repeated,) if self.candidate.of_arm else (self.repeated, self.read)
-        return any(one is not None and one.refuted for one in decisive)
-
-    @property
-    def confirmed(self) -> RepeatedNoise | None:
-        """What confirms it."""
-        both = (self.repeated, self.read) if self.candidate.of_arm else (self.read, self.repeated)
-        return None if self.refuted else next((one for one in both if one is not None and one.confirmed), None)
+    @classmethod
+    def of(cls, candidate: NoiseCandidate, repeats: NoiseSample, readings: NoiseSample, seed: int) -> _Examined:
+        """Noise of the instrument is in every reading; that of a joint is not where the arm stayed in its posture."""
+        repeated, read = (_shown(candidate, sample, seed) for sample in (repeats, readings))
+        refuted = any(
+            one is not None and one.refuted for one in ((repeated,) if candidate.of_arm else (repeated, read))
+        )
+        both = (repeated, read) if candidate.of_arm else (read, repeated)
+        sure = (one.candidate for one in both if one is not None and one.confirmed and not refuted)
+        return cls(candidate, refuted, next(sure, None), repeated is None and read is not None)
 
     @property
     def sized(self) -> NoiseCandidate:
         """With the size that is to be believed: that of the arm's noise is in the repeats."""
-        return self.confirmed.candidate if self.candidate.of_arm and self.confirmed is not None else self.candidate
+        return self.confirmed if self.candidate.of_arm and self.confirmed is not None else self.candidate
 
 
 def find_uneven_noise(
@@ -182,65 +173,58 @@ def find_uneven_noise(
 
     Noise is named where repeats scatter so, that of a joint by the size that they have. Where they refute the best
     candidate, a rival may replace it. Each is whitened, as if it were stated, before the next test at a stricter level.
-
-    Args:
-        everything: all rows; ``repeats`` their contrasts.
-        readings: contrasts of rows of one posture that follow each other: scatter of a joint in them is the joint's,
-            its absence says nothing, as the arm may not have left the posture.
     """
     readings = everything.none if readings is None else readings
     repeats, readings = _in_equal_units(repeats, seed), _in_equal_units(readings, seed)
-    named: list[tuple[_Examined, list[NoiseCandidate]]] = []
+    named: list[_Examined] = []
     uneven: list[UnevenErrors] = []
     taken: set[tuple[str, str]] = set()
     everything, candidates = _scored(everything, seed)
     while candidates and candidates[0].p_value < (levels.FURTHER_NOISE_LEVEL if taken else level):
-        first, rivals = candidates[0], _close_rivals(candidates)
-        examined = [_examined(s, repeats, readings, seed) for s in (first, *rivals)]
-        competing = examined if examined[0].refuted else examined[:1]
-        chosen = next((one for one in competing if one.confirmed is not None), None)
-        if chosen is None:
-            still = examined[0].repeated is None and examined[0].read is not None
-            part = _scatter_of_repeats(first, repeats, seed) if examined[0].refuted else None
-            uneven.append(
-                UnevenErrors(
-                    first.named(), first.p_value, examined[0].refuted, _spread_lengths(first), still, part is not None
-                )
-            )
-            if part is not None:
-                named.append(part)
-                repeats = _in_equal_units(repeats.without(spread_by(part[0].sized, repeats)), seed)
+        examined = [_Examined.of(s, repeats, readings, seed) for s in (candidates[0], *_close_rivals(candidates))]
+        first = examined[0]
+        competing = examined if first.refuted else examined[:1]
+        found = next((one for one in competing if one.confirmed is not None), None)
+        if found is not None:
+            first = found
+            found = replace(found, rivals=[s.candidate for s in examined if s is not first])
+            readings = _in_equal_units(readings.beside(found.sized), seed)
         else:
-            first = chosen.candidate
-            named.append((chosen, [s.candidate for s in examined if s is not chosen]))
-            repeats = _in_equal_units(repeats.without(spread_by(chosen.sized, repeats)), seed)
-            readings = _in_equal_units(readings.without(spread_by(chosen.sized, readings)), seed)
-        taken.add(first.who)
-        if first.spread is None or len(taken) == len(everything.rows.levers):
+            found = _scatter_of_repeats(first.candidate, repeats, seed) if first.refuted else None
+            worst, still = first.candidate, first.still
+            size = np.zeros(0) if worst.spread is None else np.linalg.norm(worst.spread, axis=1)
+            effect, part = worst.named(), found is not None
+            uneven.append(UnevenErrors(effect, worst.p_value, first.refuted, size, still, part))
+        if found is not None:
+            named.append(found)
+            repeats = _in_equal_units(repeats.beside(found.sized), seed)
+        taken.add(first.candidate.who)
+        if first.candidate.spread is None or len(taken) == len(everything.rows.levers):
             break
-        everything, scores = _scored(everything.without(first.spread), seed)
+        everything, scores = _scored(everything.without(first.candidate.spread), seed)
         candidates = [s for s in scores if s.who not in taken]
-    return [_noise_cause(one, rivals, taken) for one, rivals in named], uneven
+    causes = []
+    for one in named:
+        others = tuple(rival.named() for rival in one.rivals if rival.who not in taken)
+        causes.append(NoiseCause(one.sized.named(), one.sized.estimate, one.candidate.p_value, others))
+    return causes, uneven
 
 
-def _scatter_of_repeats(
-    candidate: NoiseCandidate, repeats: NoiseSample, seed: int
-) -> tuple[_Examined, list[NoiseCandidate]] | None:
+def _scatter_of_repeats(candidate: NoiseCandidate, repeats: NoiseSample, seed: int) -> _Examined | None:
     """The part of a joint's errors that is scatter, where repeats have it and by less; with its rivals there.
 
-    None where another joint scatters more between repeats, none does, or it is a small part.
+    None where another joint scatters more between repeats, none does, or it is less than a tenth of the variance.
     """
     found = _most_scattering(candidate, repeats, seed)
-    if not found or found[0].size < levels.MIN_SCATTER_SHARE * candidate.size:
+    if not found or found[0].size < 0.3 * candidate.size:
         return None
     rest = repeats.without_farthest
     if rest.e.size >= levels.MIN_REPEAT_FREEDOM and not _most_scattering(candidate, rest, seed):
         return None
-    return _Examined(found[0], RepeatedNoise(found[0], 0.0), None), _close_rivals(found)
+    return _Examined(found[0], confirmed=found[0], rivals=_close_rivals(found))
 
 
 def _most_scattering(candidate: NoiseCandidate, repeats: NoiseSample, seed: int) -> list[NoiseCandidate]:
-    """The joints as noise of repeats, that of the candidate first; none where it is not, or not clearly."""
     found = [s for s in score_uneven_noise(repeats.e, repeats.rows, seed) if s.of_arm] if candidate.of_arm else []
     first = found and found[0].who == candidate.who and found[0].p_value < levels.REPEATED_NOISE_LEVEL
     return found if first else []
@@ -249,8 +233,7 @@ def _most_scattering(candidate: NoiseCandidate, repeats: NoiseSample, seed: int)
 def _scored(sample: NoiseSample, seed: int) -> tuple[NoiseSample, list[NoiseCandidate]]:
     """A sample in units in which its quantities scatter alike, and the candidates there.
 
-    An orientation whose σ is stated too small looks like noise of every joint that turns it. Where that explains more
-    than any joint does, it is taken away first; whether the stated σ is wrong is judged elsewhere.
+    An orientation whose σ is stated too small looks like noise of every joint that turns it; it is taken away first.
     """
     found = score_uneven_noise(sample.e, sample.rows, seed)
     if found and found[0].scale is not None and found[0].p_value < levels.NOISE_LEVEL:
@@ -260,14 +243,8 @@ def _scored(sample: NoiseSample, seed: int) -> tuple[NoiseSample, list[NoiseCand
 
 
 def _in_equal_units(sample: NoiseSample, seed: int) -> NoiseSample:
-    """A sample of contrasts in units in which its quantities scatter alike."""
     few = not sample.rows.turned or sample.e.size < levels.MIN_REPEAT_FREEDOM
     return sample if few else _scored(sample, seed)[0]
-
-
-def _examined(candidate: NoiseCandidate, repeats: NoiseSample, readings: NoiseSample, seed: int) -> _Examined:
-    """A candidate with what both kinds of contrasts say of it."""
-    return _Examined(candidate, *(_shown(candidate, sample, seed) for sample in (repeats, readings)))
 
 
 def _shown(candidate: NoiseCandidate, sample: NoiseSample, seed: int) -> RepeatedNoise | None:
@@ -280,26 +257,44 @@ def _shown(candidate: NoiseCandidate, sample: NoiseSample, seed: int) -> Repeate
     return found if others is None or others.confirmed else others
 
 
-def spread_by(candidate: NoiseCandidate, sample: NoiseSample) -> Array | None:
-    """(N, d) spread of a sample's rows by the noise of a joint; None of noise that has no direction."""
-    if not candidate.of_arm:
-        return None
-    names = sample.rows.robot.joint_names
-    return np.asarray(candidate.size * sample.rows.levers[names.index(candidate.target)])
-
-
 def _close_rivals(candidates: Sequence[NoiseCandidate]) -> list[NoiseCandidate]:
-    """Those that explain the rows nearly as well as the first."""
     least = max(candidates[0].ratio - levels.RIVAL_CRITERION, 0.0)
     return [s for s in candidates[1:] if s.ratio > least]
 
 
-def _noise_cause(one: _Examined, rivals: Sequence[NoiseCandidate], taken: Collection[tuple[str, str]]) -> NoiseCause:
-    """An examined candidate as a cause, with those rivals that are not named themselves."""
-    others = tuple(rival.named() for rival in rivals if rival.who not in taken)
-    return NoiseCause(one.sized.named(), one.sized.estimate, one.candidate.p_value, others)
+@dataclass(frozen=True, eq=False)
+class RepeatPlan:
+    """Postures to measure several times each, the arm leaving them in between."""
+
+    errors: UnevenErrors
+    rows: Measurements
+    times: int
+
+    @property
+    def target(self) -> str:
+        return self.errors.effect.target
+
+    def to_json(self) -> dict[str, Json]:
+        """An entry of ``unexplained.repeat`` in ``diagnosis.json``: lines of the file, and postures [rad, m]."""
+        names = self.rows.joint_names
+        postures = [dict(zip(names, map(float, q), strict=True)) for q in self.rows.q]
+        return {"target": self.target, "times": self.times, "lines": self.rows.line.tolist(), "postures": postures}
 
 
-def _spread_lengths(candidate: NoiseCandidate) -> Array:
-    """How far (N,) noise along one direction spreads each row; empty where it has no direction."""
-    return np.zeros(0) if candidate.spread is None else np.asarray(np.linalg.norm(candidate.spread, axis=1))
+def plan_repeats(data: Measurements, groups: Codes, uneven: Sequence[UnevenErrors]) -> tuple[RepeatPlan, ...]:
+    """For every joint that errors grow with, and that repeats say nothing of, the postures where it would show most.
+
+    Args:
+        data: the rows of ``uneven``; ``groups`` (N,) those that repeat one posture already.
+    """
+    plans: list[RepeatPlan] = []
+    if data.position is None:  # whoever leads an arm into sockets by hand does not come back to a posture
+        return ()
+    for errors in uneven:
+        # Rows of one posture are there already: whether the arm left it in between decides, and not more of them.
+        if errors.refuted or errors.still or not len(errors.size):
+            continue
+        order = np.argsort(-errors.size, kind="stable")
+        first = np.sort(np.unique(groups[order], return_index=True)[1])[:5]
+        plans.append(RepeatPlan(errors, data.take(order[first]), 5))
+    return tuple(plans)

@@ -14,9 +14,6 @@ from posture_opt.measurements.repeats import repeat_of_row
 from posture_opt.numerics import Array, Codes, rms
 from posture_opt.validation.scatter_model import whitened_repeats
 
-_SMALL_RANK_SHARE = 8  # of the rows of a kernel, from which on its factor costs less than itself
-_KERNEL_TOLERANCE = 1e-12  # of a kernel's diagonal, which its factor may leave
-
 
 def side_place(joint: str) -> str:
     """The side of approach of a joint, as `Adequacy.place` names it."""
@@ -49,16 +46,8 @@ class HeldResiduals:
         left = both - Q @ (Q.T @ both)
         return cls(left[: len(r)], left[len(r) :], Q)
 
-    @property
-    def fitted(self) -> int:
-        """How many parameters were fitted."""
-        return int(self.basis.shape[1])
-
     def weighed(self, scatter: Array, cell: Codes, repeat: Codes, code: Codes) -> HeldResiduals:
-        """The same least squares for the means of each cell, weighed as an arm whose joints scatter asks for.
-
-        They are of unit covariance then. A joint takes all rows of a repeat along, so that a mean of more of them is
-        more certain only where the instrument scatters.
+        """The least squares of the means of each cell, weighed as an arm whose joints scatter asks for.
 
         Args:
             scatter: (C, block, k) shift of a cell by each of k joints, per standard deviation of its scatter.
@@ -88,12 +77,10 @@ class HeldResiduals:
 class Adequacy:
     """Two tests for anything left unexplained.
 
-    ``place`` is a joint, ``side of JOINT``, ``tool point``, ``time``, ``payload`` or ``temperature``.
-
     Args:
         lack_of_fit: p-value of the scatter about the model against that of repeats.
-        structure: family-wise p-value of residuals of neighbours that are alike.
-        place: the variable along which they are most alike.
+        structure: family-wise p-value of residuals of neighbours that are alike; ``place`` the variable along which
+            they are most alike: a joint, ``side of JOINT``, ``tool point``, ``time``, ``payload`` or ``temperature``.
     """
 
     lack_of_fit: float
@@ -102,7 +89,6 @@ class Adequacy:
 
     @property
     def p_value(self) -> float:
-        """Of both tests together (Bonferroni)."""
         return float(min(1.0, 2 * min(self.lack_of_fit, self.structure)))
 
 
@@ -115,9 +101,6 @@ def assess_adequacy(
     Args:
         groups: (N,) the rows that repeat one posture with one target, as in `repeat_groups`.
         points: (N, 3) tool points [m], world.
-        block: residuals of one row.
-        baseline: everything that was fitted, with its sign-flipped data sets.
-        held: what is left where a prior holds parameters; without one, the baseline's own residuals.
     """
     structure, place = _structure_test(baseline, data, groups, points, block)
     return Adequacy(lack_of_fit(held or left_of(baseline, len(data) * block), data, groups, block), structure, place)
@@ -133,14 +116,10 @@ def lack_of_fit(
 ) -> float:  # fmt: skip
     """p-value of the F test of lack of fit: scatter about the model against that between repeats of one posture.
 
-    Readings of one repeat share the joints' scatter, so they count by their mean: against the instrument alone every
-    arm would fail. A mean of more readings is more certain where the instrument scatters most, and not where the joints
-    do; which it is is unknown, so the p-value is the larger of both.
-
-    Source: Draper, Smith (1998), section 2.1.
-
     ``F = (SS_left / ν_left) / (SS_pure / ν_pure)``, the rows of a prior among what is left. The p-value is 1 where
     repeats are too few (`levels`).
+
+    Source: Draper, Smith (1998), section 2.1.
 
     Args:
         scatter: (N, block, k) shift of the rows per standard deviation of each joint that is known to scatter: where it
@@ -151,7 +130,8 @@ def lack_of_fit(
     repeat = repeat_of_row(data)
     cell, first, size = _group_codes(repeat, groups)
     code, _, repeats = _group_codes(groups[first])
-    # The targets of one repeat share its scatter too: so many residuals say as much as one.
+    # Readings of one repeat share the joints' scatter, so they count by their mean; so do the targets of one repeat. A
+    # mean of more is more certain where the instrument scatters most, and not where joints do: the larger p-value.
     shared = len(size) / (repeat[-1] + 1)
     weightings = [size.astype(float), np.ones(len(size))]
     if scatter is not None:
@@ -160,7 +140,7 @@ def lack_of_fit(
     else:
         e = _group_means(held.e.reshape(-1, block), cell, np.ones(len(cell)))
     pure_freedom = int((repeats - 1).sum()) * block / shared
-    freedom = (len(size) * block + len(held.prior) - held.fitted) / shared - pure_freedom
+    freedom = (len(size) * block + len(held.prior) - held.basis.shape[1]) / shared - pure_freedom
     if pure_freedom < levels.MIN_REPEAT_FREEDOM or freedom < 1:
         return 1.0
     ratios = []
@@ -186,18 +166,11 @@ def _group_means(e: Array, code: Codes, weights: Array) -> Array:
 def _structure_test(
     baseline: ProjectedBaseline, data: Measurements, groups: Codes, points: Array, block: int
 ) -> tuple[float, str]:  # fmt: skip
-    """Whether residuals of neighbours are alike: the largest ``eᵀ K e`` of many kernels K against flipped signs.
-
-    Moran's (1950) statistic with Gaussian weights; the null of the largest comes from the same flipped data sets.
-    """
+    """Whether residuals of neighbours are alike: the largest ``eᵀ K e`` of many kernels K against flipped signs."""
     from scipy.sparse import csr_array
 
     N = len(data)
-    rows = (
-        np.arange(N)
-        if N <= levels.MAX_KERNEL_ROWS
-        else np.sort(np.random.default_rng(0).choice(N, levels.MAX_KERNEL_ROWS, replace=False))
-    )
+    rows = np.sort(np.random.default_rng(0).choice(N, min(N, 1200), replace=False))  # chosen for time
     series = baseline.flipped[: N * block].reshape(N, block, -1)[rows]
     # Repeats of one posture, and several targets there, are alike: that is repeatability and no structure.
     alike = [codes[:, None] == codes[None, :] for codes in (groups[rows], data.pose[rows])]
@@ -242,16 +215,13 @@ class SmoothKernel:
         return np.asarray(series * (self.at(rows[:, None], rows) @ series))
 
     def _factor(self) -> Array | None:
-        """(R, r) of ``K = C Cᵀ`` by a pivoted Cholesky factorisation; None where r is no small part of R.
-
-        Along one axis a smooth kernel has some tens of directions; in space it has hundreds.
-        """
-        most = len(self.x) // _SMALL_RANK_SHARE if self.x.shape[1] == 1 else 0
+        """(R, r) of ``K = C Cᵀ`` by a pivoted Cholesky factorisation; None where r is no small part of R."""
+        most = len(self.x) // 8 if self.x.shape[1] == 1 else 0
         C, left = np.zeros((len(self.x), most)), self.sign**2
         rows = np.arange(len(self.x))
         for k in range(most):
             pivot = int(np.argmax(left))
-            if left[pivot] < _KERNEL_TOLERANCE:
+            if left[pivot] < 1e-12:
                 return C[:, :k]
             C[:, k] = (self.at(rows, np.array([pivot])) - C[:, :k] @ C[pivot, :k]) / np.sqrt(left[pivot])
             left -= C[:, k] ** 2
@@ -259,23 +229,22 @@ class SmoothKernel:
 
 
 def _smooth_kernels(data: Measurements, points: Array, rows: Codes) -> Iterator[tuple[str, SmoothKernel]]:
-    """Kernels of the rows by name: joint values, sides of arrival, tool points and inputs."""
     q, even = data.q[rows], np.ones(len(rows))
     for j, name in enumerate(data.joint_names):
         span = float(np.ptp(q[:, j]))
         if span < 1e-6:
             continue
-        for scale in levels.JOINT_KERNEL_WIDTHS:
+        for scale in (0.5, 0.15):  # of the joint's range: a bow and a bump
             yield name, SmoothKernel(q[:, j : j + 1] / (scale * span), even)
         side = np.sign(data.approach[rows, j]).astype(float)
         if len(np.unique(side)) > 1:
-            yield side_place(name), SmoothKernel(q[:, j : j + 1] / (levels.JOINT_KERNEL_WIDTHS[0] * span), side)
+            yield side_place(name), SmoothKernel(q[:, j : j + 1] / (0.5 * span), side)
     size = float(np.linalg.norm(np.ptp(points[rows], axis=0)))
-    for scale in levels.FIELD_KERNEL_WIDTHS:
+    for scale in (0.5, 0.2):  # of the workspace's size
         yield "tool point", SmoothKernel(points[rows] / max(scale * size, 1e-9), even)
     for name in ("time", "payload", "temperature"):
         values = getattr(data, name)
         values = np.arange(len(data), dtype=float) if values is None and name == "time" else values
         if values is not None and np.ptp(values[rows]) > 0:
-            span = levels.INPUT_KERNEL_WIDTH * np.ptp(values[rows])
+            span = 0.15 * np.ptp(values[rows])
             yield name, SmoothKernel(values[rows][:, None] / span, even)

@@ -1,4 +1,4 @@
-"""Score tests of many candidates at once, and the null distribution of the largest of them.
+"""Score tests of many candidates at once, periodograms, and the null distribution of the largest of them.
 
 A candidate with the columns Z explains ``|P r|²`` of residuals r that the baseline leaves, P the projector on what Z
 adds to it. Under the null the F ratio of that has its usual distribution; the largest of many dependent ones does not,
@@ -7,21 +7,21 @@ so its distribution is simulated by flipping the signs of whole poses.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from posture_opt.diagnosis.scores import levels
-from posture_opt.diagnosis.scores.fourier_sums import FourierSums, weighted_squares
 from posture_opt.numerics import Array, Codes, Mask, factored_columns, thin_svd
 
-_MAX_CHUNK_NUMBERS = 4_000_000  # numbers of one block of columns: 32 MB
-_ROWS_AT_ONCE = 4096  # walked through at a time
-_MAX_LEVERAGE = 0.99  # above, a residual says nothing of the noise
-_LIMIT_ERRORS = 2.0  # standard errors of a size among several, by which it may be beyond its limits
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+
 _RANK_TOLERANCE = 1e-6  # of the largest singular value: linear dependence, to rounding of inner products
 
 
@@ -46,28 +46,22 @@ class ProjectedBaseline:
     def of(
         cls, r: Array, columns: Array, groups: Codes, flips: int, seed: int, count: int = 0,
     ) -> ProjectedBaseline:  # fmt: skip
-        """From residuals (m,), the columns (m, k) of what is fitted, and the group (m,) of every residual.
-
-        Args:
-            flips: B, how many data sets; seed: of their signs.
-            count: residuals that these represent; as many as given if 0.
-        """
+        """From residuals (m,), the columns (m, k) of what is fitted, and the group (m,) of every residual."""
         Q = orthonormal_basis(columns)
         e = r - Q @ (Q.T @ r)
         rng = np.random.default_rng(seed)
-        leverage = np.minimum(np.einsum("ij,ij->i", Q, Q), _MAX_LEVERAGE)
+        leverage = np.minimum(np.einsum("ij,ij->i", Q, Q), 0.99)  # above, a residual says nothing of the noise
         signs = rng.choice([-1.0, 1.0], size=(int(groups.max(initial=0)) + 1, flips)).astype(np.int8)
         flipped = np.empty((len(e), 1 + flips))
         flipped[:, 0], drawn = e, flipped[:, 1:]
         np.multiply(signs[groups], (e / np.sqrt(1 - leverage))[:, None], out=drawn)
         inside = Q.T @ drawn
-        for first in range(0, len(e), _ROWS_AT_ONCE):
-            drawn[first : first + _ROWS_AT_ONCE] -= Q[first : first + _ROWS_AT_ONCE] @ inside
+        for first in range(0, len(e), 4096):  # some rows at a time, for memory
+            drawn[first : first + 4096] -= Q[first : first + 4096] @ inside
         return cls(Q, e, flipped, count or len(r))
 
     @property
     def freedom(self) -> int:
-        """Degrees of freedom of the residuals."""
         return self.count - int(self.Q.shape[1])
 
     @cached_property
@@ -77,7 +71,7 @@ class ProjectedBaseline:
 
     @property
     def undrawn(self) -> ProjectedBaseline:
-        """The same without the flipped data sets: of many rows they are large."""
+        """Without the flipped data sets: of many rows they are large."""
         return replace(self, flipped=self.flipped[:, :1].copy())
 
     def project(self, Z: Array) -> Array:
@@ -111,13 +105,9 @@ def unit_columns(columns: Array, learn: Mask | None = None) -> tuple[Array, Arra
 
 
 def projected_basis(baseline: ProjectedBaseline, Z: Array) -> tuple[Array, float]:
-    """An orthonormal basis (m, k) of a candidate's columns projected off a baseline, and the share ρ that is left.
+    """Orthonormal basis (m, k) of columns Z (m, k) projected off a baseline, and the share ρ of length that is left.
 
-    Args:
-        Z: (m, k) columns.
-
-    Returns:
-        No columns where less than `levels.MIN_SURVIVING_SHARE` of its length is left.
+    No columns where less than `levels.MIN_SURVIVING_SHARE` is left.
     """
     rest = baseline.project(Z)
     norms = np.linalg.norm(Z, axis=0)
@@ -141,10 +131,6 @@ class ProjectedColumns:
     gram: Array
     scores: Array
 
-    def __len__(self) -> int:
-        """The number of candidates."""
-        return len(self.edges) - 1
-
     @property
     def sizes(self) -> Codes:
         """(candidates,) how many directions each has."""
@@ -157,14 +143,18 @@ class ProjectedColumns:
 
     @classmethod
     def of(cls, baseline: ProjectedBaseline, candidates: Sequence[Array]) -> ProjectedColumns:
-        """Of the columns (m, k) of each candidate, which are walked through in blocks of rows."""
-        gram, scores = _projected_products(baseline, candidates)
-        norms, edges = np.sqrt([float(v) for Z in candidates for v in _column_squares(Z)]), _column_edges(candidates)
-        scale = 1 / np.where(norms > 0, norms, 1.0)
-        gram, scores = gram * np.outer(scale, scale), scores * scale
+        """From the columns (m, k) of each candidate."""
+        Z = np.concatenate([np.zeros((len(baseline.e), 0)), *candidates], axis=1, dtype=float)
+        edges = np.cumsum([0, *(Z.shape[1] for Z in candidates)])
+        norms = np.linalg.norm(Z, axis=0)
+        Z /= np.where(norms > 0, norms, 1.0)
+        cross = baseline.Q.T @ Z
+        gram, scores = Z.T @ Z - cross.T @ cross, Z.T @ baseline.e
         turned = [_kept_directions(gram[a:b, a:b]) for a, b in pairwise(edges)]
-        T = _block_diagonal(turned, len(scores))
         ends = np.cumsum([0, *(t.shape[1] for t in turned)])
+        T = np.zeros((edges[-1], ends[-1]))
+        for t, a, b, first, end in zip(turned, edges[:-1], edges[1:], ends[:-1], ends[1:], strict=True):
+            T[a:b, first:end] = t
         return cls(ends, np.asarray(T.T @ gram @ T), np.asarray(T.T @ scores))
 
 
@@ -176,39 +166,6 @@ def _kept_directions(gram: Array) -> Array:
     s = np.sqrt(np.maximum(values, 0.0))
     clear = s > max(levels.MIN_SURVIVING_SHARE, _RANK_TOLERANCE * float(s[-1]))
     return np.asarray(vectors[:, clear] / s[clear])
-
-
-def _projected_products(baseline: ProjectedBaseline, candidates: Sequence[Array]) -> tuple[Array, Array]:
-    """(K, K) inner products of all columns off the baseline, and (K,) those with the residuals that it leaves."""
-    count = int(_column_edges(candidates)[-1])
-    gram, cross, scores = np.zeros((count, count)), np.zeros((baseline.Q.shape[1], count)), np.zeros(count)
-    for first in range(0, len(baseline.e) if candidates else 0, _ROWS_AT_ONCE):
-        own = slice(first, first + _ROWS_AT_ONCE)
-        Z = np.concatenate([Z[own] for Z in candidates], axis=1, dtype=float)
-        gram += Z.T @ Z
-        cross += baseline.Q[own].T @ Z
-        scores += Z.T @ baseline.e[own]
-    return gram - cross.T @ cross, scores
-
-
-def _column_edges(candidates: Sequence[Array]) -> Codes:
-    """Where the columns of each candidate begin among those of all: (candidates + 1,)."""
-    return np.cumsum([0, *(Z.shape[1] for Z in candidates)])
-
-
-def _column_squares(Z: Array) -> Array:
-    """Squared lengths (k,) of columns (m, k), in double precision."""
-    return np.asarray(np.einsum("mk,mk->k", Z, Z, dtype=float))
-
-
-def _block_diagonal(blocks: Sequence[Array], rows: int) -> Array:
-    """Blocks (k_i, r_i) on the diagonal of a matrix (``rows``, Σ r_i)."""
-    found = np.zeros((rows, sum(block.shape[1] for block in blocks)))
-    row = column = 0
-    for block in blocks:
-        found[row : row + block.shape[0], column : column + block.shape[1]] = block
-        row, column = row + block.shape[0], column + block.shape[1]
-    return found
 
 
 def log_p(explained: Array, rss: Array, size: int | Array, freedom: float | Array) -> Array:
@@ -225,7 +182,6 @@ def log_p(explained: Array, rss: Array, size: int | Array, freedom: float | Arra
     F = (explained / size) / (left / nu)
     with np.errstate(divide="ignore"):
         exact = np.log(fdtrc(size, nu, F))
-    # Beyond what a float holds: the leading term of the tail.
     tail = -nu / 2 * np.log1p(size * F / nu)
     return np.where(np.isfinite(exact) & (exact > -650), exact, tail)
 
@@ -261,8 +217,7 @@ def beyond_limits(sizes: Array, errors: Array, low: float | Array, high: float |
 
     One mass of several may come out a little below zero where it is hardly there.
     """
-    margin = _LIMIT_ERRORS * errors
-    return np.asarray((sizes < low - margin) | (sizes > high + margin))
+    return np.asarray((sizes < low - 2 * errors) | (sizes > high + 2 * errors))
 
 
 def explained_squares(baseline: ProjectedBaseline, candidates: Sequence[Array]) -> tuple[Array, Array, Array]:
@@ -271,26 +226,22 @@ def explained_squares(baseline: ProjectedBaseline, candidates: Sequence[Array]) 
     As `projected_basis` has it, and from the inner products alone. Shapes (candidates,), (candidates,) and
     (candidates, 1 + B), a sum of squares of each column of flipped residuals.
     """
-    sizes = [Z.shape[1] for Z in candidates]
-    rho, kept = np.zeros(len(sizes)), np.zeros(len(sizes), dtype=int)
-    gains = np.zeros((len(sizes), baseline.flipped.shape[1]))
-    for chunk in _candidate_chunks(sizes, len(baseline.e)):
-        Z = np.concatenate([candidates[i] for i in chunk], axis=1, dtype=float)
-        cross, scores = baseline.Q.T @ Z, Z.T @ baseline.flipped
-        first = np.cumsum([0, *(sizes[i] for i in chunk[:-1])])
-        widths, own = np.array([sizes[i] for i in chunk]), np.array(chunk)
-        for width in np.unique(widths):
-            alike = np.flatnonzero(widths == width)
-            at = first[alike][:, None] + np.arange(width)
-            inner = _gram_matrices(Z, at), _gram_matrices(cross, at)
-            i = own[alike]
-            rho[i], kept[i], gains[i] = _explained_by_width(*inner, scores[at])
+    widths, rows = np.array([Z.shape[1] for Z in candidates], dtype=np.intp), len(baseline.e)
+    rho, kept = np.zeros(len(widths)), np.zeros(len(widths), dtype=int)
+    gains = np.zeros((len(widths), baseline.flipped.shape[1]))
+    for width in np.unique(widths):
+        alike = np.flatnonzero(widths == width)
+        for own in np.array_split(alike, -(-len(alike) * width * rows // 4_000_000) or 1):  # blocks of 32 MB
+            Z = np.concatenate([candidates[i] for i in own], axis=1, dtype=float)
+            inner = _gram_matrices(Z, width), _gram_matrices(baseline.Q.T @ Z, width)
+            scores = (Z.T @ baseline.flipped).reshape(len(own), width, -1)
+            rho[own], kept[own], gains[own] = _explained_by_width(*inner, scores)
     return rho, kept, gains
 
 
-def _gram_matrices(columns: Array, at: Codes) -> Array:
-    """(n, k, k) inner products of the columns (m, ·) at the places (n, k)."""
-    own = np.moveaxis(columns[:, at], 0, 1)
+def _gram_matrices(columns: Array, k: int) -> Array:
+    """(n, k, k) inner products of each k of the columns (m, n k)."""
+    own = np.moveaxis(columns.reshape(len(columns), columns.shape[1] // k, k), 0, 1)
     return np.asarray(np.swapaxes(own, 1, 2) @ own)
 
 
@@ -313,20 +264,6 @@ def _explained_by_width(gram: Array, taken: Array, scores: Array) -> tuple[Array
     return rho, clear.sum(axis=1), np.sum(parts**2 * weights[:, :, None], axis=1)
 
 
-def _candidate_chunks(sizes: Sequence[int], rows: int) -> Iterator[list[int]]:
-    """Indices of candidates whose columns together hold `_MAX_CHUNK_NUMBERS` at the most."""
-    chunk: list[int] = []
-    total = 0
-    for i, size in enumerate(sizes):
-        if chunk and (total + size) * rows > _MAX_CHUNK_NUMBERS:
-            yield chunk
-            chunk, total = [], 0
-        chunk.append(i)
-        total += size
-    if chunk:
-        yield chunk
-
-
 @dataclass(frozen=True, eq=False)
 class NullDistribution:
     """The least log p-value (B,) of each family of candidates in each of B sign-flipped data sets."""
@@ -344,13 +281,101 @@ class NullDistribution:
         return float(min(1.0, p / levels.FAMILY_SHARES[family]))
 
 
+def p_value_of_maximum(most: Array, value: float, slowest: float = 1e-12) -> float:
+    """p-value of ``value`` among the maxima ``most`` (B,) of draws: counted, and beyond them along an exponential tail.
+
+    Counted from ten exceedances on (Knijnenburg et al. 2009). The tail has the mean excess of the largest tenth
+    (Pickands 1975, with shape zero), at least ``slowest``.
+
+    Example:
+        >>> import numpy as np
+        >>> draws = np.arange(1.0, 100.0)
+        >>> p_value_of_maximum(draws, 50.0), p_value_of_maximum(draws, 200.0) < 1e-8
+        (0.51, True)
+    """
+    share = (1 + float(np.sum(most >= value))) / (1 + len(most))
+    if share > 10 / (1 + len(most)):
+        return share
+    start = float(np.quantile(most, 0.9))
+    excess = max(float(np.mean(most[most >= start] - start)), slowest)
+    return float(min(share, max(0.1 * np.exp(-(value - start) / excess), 1e-300)))
+
+
+_WIDTH = 10  # points of the grid that a value is spread over: sums to nine digits
+
+
+@dataclass(frozen=True, eq=False)
+class FourierSums:
+    """``Σ_n a_n exp(i k q_n)`` at evenly spaced frequencies k, without the matrix of all sines.
+
+    The values are spread over a grid with a Kaiser-Bessel window, transformed, and divided by the window's transform:
+    ``O(N w + M log M)`` a column, w the width of the window and M the grid, in place of ``O(N K)``.
+
+    Source: Dutt, Rokhlin (1993); Greengard, Lee (2004); Beatty, Nishimura, Pauly (2005) for the window.
+
+    Args:
+        spread: (M, N) sparse; what each value gives to the grid.
+        middle: (N,) the phase of each value at the middle frequency.
+        window: (K,) the transform of the window; ``modes`` (K,) where each frequency is in that of the grid.
+    """
+
+    spread: csr_array
+    middle: Array
+    window: Array
+    modes: Array
+
+    @classmethod
+    def of(cls, q: Array, cycles: Array) -> FourierSums:
+        """At joint values (N,) [rad] and frequencies (K,) [cycles per revolution]."""
+        from scipy.fft import next_fast_len
+        from scipy.sparse import csr_array
+
+        shape = 0.75 * np.pi * _WIDTH  # of the window for a grid twice as fine as need be (Beatty et al. 2005)
+        count, rows = len(cycles), np.arange(len(q))
+        step = float(cycles[1] - cycles[0]) if count > 1 else 0.0
+        size = next_fast_len(max(2 * count, 2 * _WIDTH))
+        at = np.mod(step * q / (2 * np.pi), 1.0) * size
+        points = np.ceil(at - _WIDTH / 2).astype(int)[:, None] + np.arange(_WIDTH)
+        away = (points - at[:, None]) / (_WIDTH / 2)
+        weights = np.i0(shape * np.sqrt(np.maximum(1 - away**2, 0.0)))
+        places = (weights.ravel(), (np.mod(points, size).ravel(), np.repeat(rows, _WIDTH)))
+        spread = csr_array(places, shape=(size, len(q)))
+        modes = np.arange(count) - count // 2
+        root = np.sqrt(shape**2 - (_WIDTH * np.pi * modes / size) ** 2)
+        middle = np.exp(1j * cycles[count // 2] * q)
+        return cls(spread, middle, _WIDTH * np.sinh(root) / root, np.mod(modes, size))
+
+    def __call__(self, a: Array) -> tuple[Array, Array]:
+        """Sums with sines and with cosines, (K, p) each, of columns (N, p); 64 at a time, for memory."""
+        from scipy.fft import ifft
+
+        sums = np.empty((len(self.modes), a.shape[1]), dtype=complex)
+        for first in range(0, a.shape[1], 64):
+            own = slice(first, first + 64)
+            # Real weights times real and imaginary parts: half of what complex products cost.
+            turned = np.ascontiguousarray(self.middle[:, None] * a[:, own]).view(float)
+            grid = (self.spread @ turned).view(complex)
+            sums[:, own] = ifft(grid, axis=0, norm="forward")[self.modes] / self.window[:, None]
+        return sums.imag, sums.real
+
+
+def weighted_squares(q: Array, cycles: Array, weights: Array) -> tuple[Array, Array, Array]:
+    """``Σ w sin²``, ``Σ w sin cos`` and ``Σ w cos²`` (K, p) at joint values (N,) [rad], of weights (N, p).
+
+    As ``sin² = (1 − cos 2kq) / 2``, the sums are those of twice the joint values.
+    """
+    s, c = FourierSums.of(2 * q, cycles)(weights)
+    total = weights.sum(axis=0)
+    return (total - c) / 2, s / 2, (total + c) / 2
+
+
 def scan_frequencies(
     baseline: ProjectedBaseline, joint_columns: Array, q: Array, cycles: Array
 ) -> tuple[Array, Array]:  # fmt: skip
     """Periodogram of one joint: the sum of squares (K,) of each of K frequencies, and the largest (B,) of flipped sets.
 
-    The sum of squares that a sine and a cosine of each frequency explain together: the generalised Lomb-Scargle
-    periodogram (Lomb 1976; Scargle 1982) of a joint's error, the baseline projected off.
+    Explained by a sine and a cosine together, the baseline projected off: the generalised Lomb-Scargle periodogram
+    (Lomb 1976; Scargle 1982).
 
     Args:
         joint_columns: (N, block) whitened residual per unit of the joint [1/rad].
@@ -363,36 +388,11 @@ def scan_frequencies(
     square = np.einsum("nb,nb->n", c, c)
     sines, cosines = FourierSums.of(q, cycles)(np.concatenate([basis, series], axis=1))
     k = basis.shape[1]
-    qs, qc, ss, sc, cc = sines[:, :k], cosines[:, :k], *(g[:, 0] for g in weighted_squares(q, cycles, square[:, None]))
-    pairs = ((ss, qs, qs), (cc, qc, qc), (sc, qs, qc))
-    gram = tuple(own - np.einsum("ij,ij->i", a, b) for own, a, b in pairs)
-    gain = _two_columns(gram, sines[:, k:], cosines[:, k:])
-    return gain[:, 0], gain[:, 1:].max(axis=0, initial=0.0)
-
-
-def _two_columns(gram: tuple[Array, ...], bs: Array, bc: Array) -> Array:
-    """``bᵀ G⁻¹ b`` of all pairs of columns."""
-    ss, cc, sc = (g[:, None] for g in gram)
+    qs, qc, bs, bc = sines[:, :k], cosines[:, :k], sines[:, k:], cosines[:, k:]
+    # Gram matrix of sine and cosine off the baseline, and bᵀ G⁻¹ b.
+    products = zip(weighted_squares(q, cycles, square[:, None]), ((qs, qs), (qs, qc), (qc, qc)), strict=True)
+    ss, sc, cc = (own - np.einsum("ij,ij->i", a, b)[:, None] for own, (a, b) in products)
     det = ss * cc - sc * sc
     good = det > 1e-6 * np.maximum(ss * cc, 1e-300)
-    value = (cc * bs * bs - 2 * sc * bs * bc + ss * bc * bc) / np.where(good, det, 1.0)
-    return np.asarray(np.where(good, value, 0.0))
-
-
-def p_value_of_maximum(most: Array, value: float, slowest: float = 1e-12) -> float:
-    """p-value of ``value`` among the maxima ``most`` (B,) of draws: counted, and beyond them along an exponential tail.
-
-    The tail has the mean excess of the largest tenth (Pickands 1975, with shape zero), at least ``slowest``.
-
-    Example:
-        >>> import numpy as np
-        >>> draws = np.arange(1.0, 100.0)
-        >>> p_value_of_maximum(draws, 50.0), p_value_of_maximum(draws, 200.0) < 1e-8
-        (0.51, True)
-    """
-    share = (1 + float(np.sum(most >= value))) / (1 + len(most))
-    if share > levels.COUNTED_EXCEEDANCES / (1 + len(most)):
-        return share
-    start = float(np.quantile(most, 1 - levels.TAIL_SHARE))
-    excess = max(float(np.mean(most[most >= start] - start)), slowest)
-    return float(min(share, max(levels.TAIL_SHARE * np.exp(-(value - start) / excess), 1e-300)))
+    gain = np.where(good, (cc * bs * bs - 2 * sc * bs * bc + ss * bc * bc) / np.where(good, det, 1.0), 0.0)
+    return gain[:, 0], gain[:, 1:].max(axis=0, initial=0.0)

@@ -16,6 +16,7 @@ import numpy as np
 from posture_opt.calibration.cross_validation import (
     Folds,
     HeldOut,
+    LinearModel,
     judged_rows,
     linear_held_out_errors,
     positions_of,
@@ -23,12 +24,9 @@ from posture_opt.calibration.cross_validation import (
 )
 from posture_opt.calibration.estimation.error_statistics import By, folds_of, groups_of
 from posture_opt.calibration.estimation.fit import Fit
-from posture_opt.calibration.estimation.linear_model import LinearModel
-from posture_opt.diagnosis.scores import levels
-from posture_opt.diagnosis.scores.candidates import Candidate
-from posture_opt.diagnosis.scores.nested_subsets import nested_subsets
-from posture_opt.diagnosis.search.dictionary import Dictionary
-from posture_opt.diagnosis.search.linearised_data import LinearisedData
+from posture_opt.diagnosis.scores.candidates import Candidate, LinearisedData
+from posture_opt.diagnosis.scores.subset_selection import nested_subsets
+from posture_opt.diagnosis.search.atoms import Dictionary
 from posture_opt.diagnosis.search.matching_pursuit import Pursued, pursue_in_folds
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.effects import Effect
@@ -41,9 +39,7 @@ class NestedSelection:
     """The sets of every size that each fold chose from its own rows.
 
     Args:
-        linearised: the data that they were chosen for.
         folds: the rows that each left out; ``groups`` (N,) codes of correlated rows.
-        sets: the named effects by fold and size, from the empty set on; the last one also serves for all larger sizes.
         losses: (sizes, N) squared position errors [m²] of the rows left out.
     """
 
@@ -52,11 +48,6 @@ class NestedSelection:
     groups: Codes
     sets: tuple[tuple[tuple[Effect, ...], ...], ...]
     losses: Array
-
-    @classmethod
-    def of(cls, dictionary: Dictionary, most: int, groups: Codes, folds: Folds) -> NestedSelection:
-        """Every fold by itself, with sets of at most so many effects."""
-        return NestedSelections.of(dictionary, most, [Folding(groups, folds)]).each[0]
 
     @classmethod
     def of_pursued(cls, dictionary: Dictionary, most: int, way: Folding, pursued: Iterator[Pursued]) -> NestedSelection:
@@ -94,16 +85,12 @@ class NestedSelection:
         return next((size for size in range(1, self.best) if not clearly_less(best, self.totals[size])), self.best)
 
     def without(self, gone: Callable[[Effect], bool]) -> NestedSelection:
-        """The same choices without some effects: what each fold makes of the rest, fitted for them to be absent."""
+        """Choices without some effects: each fold fits the rest for them to be absent."""
         sets = tuple(tuple(tuple(e for e in own if not gone(e)) for own in fold) for fold in self.sets)
         return replace(self, sets=sets)
 
     def with_moments_of(self, effects: Sequence[Effect]) -> NestedSelection:
-        """The same choices, each slip at the moment of one of ``effects`` where the fold cannot tell them apart.
-
-        What a fold learned from does not say on which side of a slip the rows are that it left out between its own two.
-        An arm cannot be wrong about that.
-        """
+        """Choices with each slip at the moment of one of ``effects`` where the fold cannot tell them apart."""
         steps = [e for e in effects if isinstance(e, Slip)]
         if not steps:
             return self
@@ -123,25 +110,14 @@ class NestedSelection:
         return replace(self, sets=tuple(sets))
 
     def held_out(self, calibrated: Fit, size: int, shape: Array | None = None) -> HeldOut:
-        """Errors of all rows by the named effects of one size, each set fitted to the rows that it was chosen from.
-
-        Args:
-            calibrated: the fit of the geometry alone, about which the models are linear.
-            shape: see `cross_validation.held_out`.
-        """
+        """Errors of all rows by the named effects of one size, each set fitted to the rows that it was chosen from."""
         models = ((left_out, linear) for left_out, linear, *_ in self.fitted_sets(calibrated, size))
         return linear_held_out_errors(calibrated.residuals, models, shape=shape)
 
     def fitted_sets(
         self, calibrated: Fit, size: int, also: Sequence[Effect] = ()
     ) -> Iterator[tuple[Codes, LinearModel, tuple[Effect, ...], list[Array]]]:
-        """Of each fold the rows left out, its own model, and the effects in it with their columns (m, k).
-
-        The columns of the model are of unit length; one fold at a time, for memory.
-
-        Args:
-            also: effects that every model has, unless it has one of the same kind and target.
-        """
+        """Of each fold the rows left out, its own model, and the effects in it with their columns (m, k)."""
         for left_out, sets in zip(self.folds, self.sets, strict=True):
             own = sets[min(size, len(sets) - 1)]
             named = {(e.kind, e.target) for e in own}
@@ -184,24 +160,18 @@ def _fold_path(
 
 @dataclass(frozen=True, eq=False)
 class Folding:
-    """A way to leave rows out.
-
-    Args:
-        groups: (N,) codes of rows that are correlated and left out together.
-        folds: the rows of each fold.
-    """
+    """A way to leave rows out; groups: (N,) codes of rows that are correlated and left out together."""
 
     groups: Codes
     folds: Folds
 
     @classmethod
     def of(cls, data: Measurements, by: By, count: int) -> Folding:
-        """By pose, by place or by block."""
         groups = groups_of(data, by, count)
         return cls(groups, folds_of(groups, count, by))
 
     @classmethod
-    def usual(cls, data: Measurements, count: int = levels.SELECTION_FOLDS) -> tuple[Folding, ...]:
+    def usual(cls, data: Measurements, count: int = 5) -> tuple[Folding, ...]:
         """By place that was touched; else by pose, which shows the noise, and by block, which shows the rest."""
         ways: tuple[By, ...] = ("place",) if data.touches else ("pose",) if data.position is None else ("pose", "block")
         return tuple(cls.of(data, by, count) for by in ways)
@@ -217,16 +187,12 @@ class NestedSelections:
     def of(cls, dictionary: Dictionary, most: int, foldings: Sequence[Folding]) -> NestedSelections:
         """One for each way to leave rows out; the folds of all of them are pursued side by side."""
         folds = [left_out for way in foldings for left_out in way.folds]
-        pursued = pursue_in_folds(dictionary, most + levels.FURTHER_FOLD_EFFECTS, folds)
+        pursued = pursue_in_folds(dictionary, most + 10, folds)
         return cls(tuple(NestedSelection.of_pursued(dictionary, most, way, pursued) for way in foldings))
 
     @property
     def size(self) -> int:
-        """As many effects as the first way asks for, within one standard error, and no more than improve any other.
-
-        Poses left out show small gains, as they are many; blocks left out show where what is gained is the
-        neighbourhood alone. The first effect has been decided by a test of its own: rows left out can but refute it.
-        """
+        """As many effects as the first way asks for, within one standard error, and no more than improve any other."""
         if any(nested.refuted for nested in self.each):
             return 0
         return min(self.each[0].least, *(nested.best for nested in self.each))

@@ -8,40 +8,27 @@ import numpy as np
 
 from posture_opt.calibration.calibrate import recount_rows
 from posture_opt.calibration.calibration import Calibration
-from posture_opt.calibration.estimation.agreeing_rows import agreeing_rows
 from posture_opt.calibration.estimation.effect_sensitivities import EffectSensitivities, case_of
-from posture_opt.calibration.estimation.fit import Fit, position_parts
+from posture_opt.calibration.estimation.fit import Fit, agreeing_rows, position_parts
 from posture_opt.calibration.estimation.least_squares import OUTLIER_MARGIN, find_outliers, outlier_limit
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.diagnosis.scores import levels
-from posture_opt.diagnosis.scores.candidates import Candidate
-from posture_opt.diagnosis.search.dictionary import Dictionary
-from posture_opt.diagnosis.search.linearised_data import linearise_calibration
+from posture_opt.diagnosis.scores.candidates import Candidate, linearise_calibration
+from posture_opt.diagnosis.search.atoms import Dictionary
 from posture_opt.diagnosis.search.matching_pursuit import pursue_candidates
 from posture_opt.diagnosis.search.search import SearchResult, candidates_of
 from posture_opt.model.effects import Effect
 from posture_opt.model.effects.slip import Slip, well_covered
 from posture_opt.numerics import Array, Mask
 
-_MAX_OUTLIER_ROUNDS = 8
-_MAX_GROSS_RUN, _MAX_GROSS_SHARE = 3, 0.01  # rows that follow each other, and of all rows: more are no gross errors
 _CLEAR_MARGIN = 2 * OUTLIER_MARGIN  # of rows that effects hid: nearer ones are as what the effects lack
-_MAX_EXPLANATIONS = 8  # explanations: what was chosen, and that with one of its rivals in place
 
 
 def reinclude_outliers(calibration: Calibration, found: SearchResult) -> Calibration:
     """The calibration without those outliers that what was found, a rival of it, or a slip beside it explains.
 
     A few rows far from all others are left out by a calibration that knows nothing of an effect which is largest there;
-    yet they say most about it. All rows are judged anew given geometry and effects, as the calibration judges them
-    given its geometry, and by whichever explanation leaves the fewest. No search among the other rows finds a slip
-    behind which all are left out: where outliers follow each other at an end of the session, slips are tried there.
-
-    Args:
-        calibration: with its outliers; found: what explains the other rows.
-
-    Returns:
-        The same estimate with more rows that count, or the calibration itself.
+    yet they say most about it. No search among the other rows finds a slip behind which all are left out.
     """
     if not calibration.outliers:
         return calibration
@@ -56,15 +43,7 @@ def explains_outliers(calibration: Calibration, found: SearchResult) -> bool:
 
 
 def without_hidden_outliers(calibration: Calibration, model: Fit) -> Calibration | None:
-    """The calibration without rows that are clear outliers beside the effects; None where there are none.
-
-    What effects do in the errors of the calibrated arm is larger than many a gross error: two rows that are off by 2 mm
-    count for a quarter of all that is left, and as scatter of the joint that moves them. Many such rows, or several
-    that follow each other, are no gross errors but what the model lacks.
-
-    Args:
-        model: the arm with its effects, fitted to the rows that count.
-    """
+    """The calibration without rows that are clear outliers beside the effects; None where there are none."""
     m = model.residuals.measured
     columns = (model.jacobian @ model.directions)[:m]
     gross = _gross_rows(model.whitened[:m], columns, model.residuals, _CLEAR_MARGIN)
@@ -74,8 +53,8 @@ def without_hidden_outliers(calibration: Calibration, model: Fit) -> Calibration
 def without_clear_outliers(calibration: Calibration) -> Calibration:
     """The calibration without rows that are clear outliers beside what a pursuit of lasting effects takes.
 
-    It is a rough description of the errors, and a search that has to be made again once these rows show beside its
-    result takes many times as long. Where no row is that far off by the instrument's σ, none is beside effects.
+    A rough description of the errors: a search made again once these rows show beside its result takes many times as
+    long. Where no row is that far off by the instrument's σ, none is beside effects.
     """
     linearised = linearise_calibration(calibration, flips=0)
     residuals = linearised.sensitivities.residuals
@@ -86,29 +65,25 @@ def without_clear_outliers(calibration: Calibration) -> Calibration:
         return calibration
     lasting = Dictionary(linearised, tuple(c for c in candidates_of(linearised) if c.persistent))
     taken = pursue_candidates(lasting, levels.MAX_EFFECTS).chosen
-    columns = np.concatenate([linearised.G, *(candidate.Z for candidate in taken)], axis=1)
-    gross = _gross_rows(linearised.r[:m], columns[:m], residuals, _CLEAR_MARGIN)
+    gross = _gross_rows(linearised.r[:m], linearised.columns(taken)[0][:m], residuals, _CLEAR_MARGIN)
     return _without_few(calibration, residuals, gross) or calibration
 
 
 def _without_few(calibration: Calibration, residuals: Residuals, gross: Mask) -> Calibration | None:
-    """The calibration without gross rows (M,) of those that count; None without such, or with too many for that."""
+    """The calibration without gross rows (M,) of those that count; None without such, or with too many for that.
+
+    More than three that follow each other, or than 1 % of all rows, are no gross errors but what the model lacks.
+    """
     order = residuals.data.order
-    gross[order] = _in_short_runs(gross[order], _MAX_GROSS_RUN)
-    if not 0 < gross.sum() <= max(_MAX_GROSS_RUN, _MAX_GROSS_SHARE * len(gross)):
+    marked = gross[order]
+    for first, behind in np.flatnonzero(np.diff(np.r_[False, marked, False].astype(int))).reshape(-1, 2).tolist():
+        marked[first:behind] = behind - first <= 3
+    gross[order] = marked
+    if not 0 < gross.sum() <= max(3, 0.01 * len(gross)):
         return None
     kept = calibration.fit.kept.copy()
     kept[calibration.kept_rows[gross]] = False
     return recount_rows(calibration, kept)
-
-
-def _in_short_runs(marked: Mask, most: int) -> Mask:
-    """(N,) the marked ones of which at most so many follow each other."""
-    edges = np.flatnonzero(np.diff(np.r_[False, marked, False].astype(int)))
-    short = np.zeros_like(marked)
-    for first, behind in edges.reshape(-1, 2).tolist():
-        short[first:behind] = behind - first <= most
-    return short
 
 
 def _left_out(calibration: Calibration, explanations: Sequence[Sequence[Effect]]) -> Mask:
@@ -126,20 +101,17 @@ def _left_out(calibration: Calibration, explanations: Sequence[Sequence[Effect]]
 
 
 def _effects(chosen: Sequence[Candidate]) -> list[Effect]:
-    """Those that have a name."""
     return [s.what for s in chosen if isinstance(s.what, Effect)]
 
 
 def _effect_sets(found: SearchResult) -> Iterator[list[Effect]]:
-    """The chosen set, then sets with one member replaced by a named rival, `_MAX_EXPLANATIONS` at the most."""
     yield _effects(found.chosen)
     others = [(i, rival) for i, rivals in enumerate(found.rivals) for rival in rivals if rival.named]
-    for i, rival in others[: _MAX_EXPLANATIONS - 1]:
+    for i, rival in others[:7]:
         yield _effects((*found.chosen[:i], rival, *found.chosen[i + 1 :]))
 
 
 def _slips_at_ends(calibration: Calibration) -> list[Slip]:
-    """Every slip at the moment from which on, or until which, rows are outliers rather than not."""
     case, gone = case_of(calibration.request.data, calibration.residuals.robot), ~calibration.fit.kept
     slips = {(s.of, s.way): s for s in Slip.candidates(case) if isinstance(s, Slip)}
     times = np.asarray(case.times)
@@ -156,16 +128,11 @@ def _slips_at_ends(calibration: Calibration) -> list[Slip]:
 
 
 def _gross_rows(r: Array, A: Array, residuals: Residuals, margin: float = OUTLIER_MARGIN) -> Mask:
-    """(N,) which rows stay gross errors given the columns A (m, k), with such rows left out of the fit.
-
-    ``margin`` is that of `find_outliers`.
-
-    Rows are left out and judged again until the set repeats, `_MAX_OUTLIER_ROUNDS` times at the most.
-    """
+    """(N,) which rows stay gross errors given the columns A (m, k), with such rows left out of the fit."""
     scale = np.linalg.norm(A, axis=0)
     A, block = A / np.where(scale > 0, scale, 1.0), residuals.block
     gone = np.zeros(len(r) // block, dtype=bool)
-    for _ in range(_MAX_OUTLIER_ROUNDS):
+    for _ in range(8):
         rows = np.repeat(~gone, block)
         rest = r - A @ np.linalg.lstsq(A[rows], r[rows], rcond=1e-10)[0]
         again = find_outliers(rest, A, block, margin=margin)[0]

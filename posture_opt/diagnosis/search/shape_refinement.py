@@ -7,29 +7,20 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from posture_opt.calibration.estimation.effect_sensitivities import EffectSensitivities
-from posture_opt.diagnosis.scores import levels
-from posture_opt.diagnosis.scores.candidates import Candidate
+from posture_opt.diagnosis.scores.candidates import Candidate, LinearisedData
 from posture_opt.diagnosis.scores.score_tests import ProjectedBaseline, projected_basis, unit_columns
 from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent, finer_phases
-from posture_opt.diagnosis.search.linearised_data import LinearisedData
 from posture_opt.model.effects import CyclicError, Effect
 from posture_opt.numerics import Array, Mask
 
-_RIDGE_SHARE = 1e-10  # of columns of length one: what depends on others keeps an inverse
+_MOMENTS_TRIED = 24  # of a step, before those next to the best; chosen for time
 
 
 def refine_shape(sensitivities: EffectSensitivities, baseline: ProjectedBaseline, candidate: Candidate) -> Candidate:
-    """The candidate at the shape, between its neighbours on the grid, that explains most of the residuals.
-
-    A smooth shape is searched within its bracket, a moment among those of the rows, a phase on a finer grid; a
-    candidate without a shape stays.
-
-    Args:
-        baseline: what is fitted together with it.
-    """
+    """The candidate at the shape, between its neighbours on the grid, that explains most of the residuals."""
     effect = candidate.what
     if isinstance(effect, UnnamedComponent):
-        return _best_phase(sensitivities, baseline, candidate, effect)
+        return max(finer_shapes(sensitivities, candidate), key=lambda s: _explained_square(baseline, s.Z))
     steps = effect.shape_steps(sensitivities.state)
     if len(steps):
         return _best_step(sensitivities, baseline, candidate, effect, steps)
@@ -37,7 +28,6 @@ def refine_shape(sensitivities: EffectSensitivities, baseline: ProjectedBaseline
 
 
 def has_shape(sensitivities: EffectSensitivities, candidate: Candidate) -> bool:
-    """Whether `refine_shape` has anything to choose from."""
     effect = candidate.what
     if isinstance(effect, UnnamedComponent):
         return any(True for _ in finer_phases(sensitivities, effect))
@@ -45,20 +35,17 @@ def has_shape(sensitivities: EffectSensitivities, candidate: Candidate) -> bool:
 
 
 def finer_shapes(sensitivities: EffectSensitivities, candidate: Candidate) -> Iterator[Candidate]:
-    """The candidate at some shapes between its neighbours on the grid, its own among them.
-
-    Cheaper than `refine_shape`: all of them are scored by one product.
-    """
+    """The candidate at some shapes between its neighbours on the grid, its own among them."""
     effect = candidate.what
     yield candidate
     if isinstance(effect, UnnamedComponent):
         yield from (Candidate(u, Z, candidate.searched) for u, Z in finer_phases(sensitivities, effect))
         return
     shapes = effect.shape_steps(sensitivities.state)
-    if len(shapes) > 2 * levels.MOMENTS_TRIED:  # of thousands of rows: between two of these the model hardly changes
-        shapes = shapes[np.linspace(0, len(shapes) - 1, 2 * levels.MOMENTS_TRIED).astype(int)]
+    if len(shapes) > 2 * _MOMENTS_TRIED:  # of thousands of rows: between two of these the model hardly changes
+        shapes = shapes[np.linspace(0, len(shapes) - 1, 2 * _MOMENTS_TRIED).astype(int)]
     if not len(shapes) and effect.smooth_shape:
-        shapes = np.linspace(*effect.bracket(_joint_span(sensitivities, effect)), levels.SHAPES_BETWEEN)
+        shapes = np.linspace(*effect.bracket(_joint_span(sensitivities, effect)), 7)
     for shaped in (effect.with_shape(float(shape)) for shape in shapes):
         yield Candidate(shaped, sensitivities.columns(shaped), candidate.searched)
 
@@ -82,88 +69,65 @@ def sharpen_lines(linearised: LinearisedData, members: Sequence[Candidate], lear
     """The members with the cycles of all lines fitted together, to the rows ``learn`` (m,): a Gauss-Newton step.
 
     A line that was found before others is a little off, towards them, and what it leaves looks like another line next
-    to it (Mamandipoor, Ramasamy, Madhow 2016).
-
-    The step of each line is at most half of what keeps two lines apart.
+    to it (Mamandipoor, Ramasamy, Madhow 2016). A step is at most half of what keeps two lines apart.
     """
     found = list(members)
     lines = [i for i, s in enumerate(found) if isinstance(s.what, CyclicError)]
     if not lines:
         return found
-    A = np.concatenate([linearised.G, *(s.Z for s in found)], axis=1)
-    edges = np.cumsum([linearised.G.shape[1], *(s.Z.shape[1] for s in found)])
+    A, places = linearised.columns(found)
     theta = _least_squares_solution(A, linearised.r, learn)
-    D = np.concatenate([_line_slope(linearised, found[i], theta[edges[i] : edges[i + 1]]) for i in lines], axis=1)
-    steps = _least_squares_solution(np.concatenate([A, D], axis=1), linearised.r, learn)[A.shape[1] :]
-    for i, step in zip(lines, steps, strict=True):
-        found[i] = _moved_line(linearised, found[i], float(step))
+    # Derivatives (m, 1) of the residuals by the cycles of each line.
+    sensitivities, data = linearised.sensitivities, linearised.sensitivities.residuals.data
+    slopes = [A]
+    for i in lines:
+        error, (sine, cosine) = found[i].what, theta[places[i]]
+        assert isinstance(error, CyclicError)
+        joint = data.joint_names.index(error.joint)
+        u = data.q[:, joint] - error.centre
+        wave = u * (sine * np.cos(error.cycles * u) - cosine * np.sin(error.cycles * u))
+        slopes.append(sensitivities.of_joint(joint, wave[:, None]))
+    steps = _least_squares_solution(np.concatenate(slopes, axis=1), linearised.r, learn)[A.shape[1] :]
+    for i, step in zip(lines, steps.tolist(), strict=True):
+        error = found[i].what
+        assert isinstance(error, CyclicError)
+        most = next(own.least_distance for own in linearised.lines if own.form.joint == error.joint) / 2
+        moved = error.with_shape(max(error.cycles + float(np.clip(step, -most, most)), most))
+        found[i] = Candidate(moved, sensitivities.columns(moved), found[i].searched)
     return found
 
 
 def _least_squares_solution(A: Array, r: Array, learn: Mask) -> Array:
     """Least squares solution (k,) for columns A (m, k) of any scales in some rows, by a small ridge."""
     A, scale = unit_columns(A, learn)
-    return np.asarray(scale * np.linalg.solve(A.T @ A + _RIDGE_SHARE * np.eye(A.shape[1]), A.T @ r))
-
-
-def _line_slope(linearised: LinearisedData, line: Candidate, theta: Array) -> Array:
-    """Derivative (m, 1) of the residuals by the cycles of a line of size ``theta`` (sine, cosine)."""
-    error = line.what
-    assert isinstance(error, CyclicError)
-    data = linearised.sensitivities.residuals.data
-    joint = data.joint_names.index(error.joint)
-    u = data.q[:, joint] - error.centre
-    wave = u * (theta[0] * np.cos(error.cycles * u) - theta[1] * np.sin(error.cycles * u))
-    return linearised.sensitivities.of_joint(joint, wave[:, None])
-
-
-def _moved_line(linearised: LinearisedData, line: Candidate, step: float) -> Candidate:
-    """The line with other cycles, by no more than half of what keeps it apart from others, and never at zero."""
-    error = line.what
-    assert isinstance(error, CyclicError)
-    most = next(own.least_distance for own in linearised.lines if own.form.joint == error.joint) / 2
-    other = error.with_shape(max(error.cycles + float(np.clip(step, -most, most)), most))
-    return Candidate(other, linearised.sensitivities.columns(other), line.searched)
+    return np.asarray(scale * np.linalg.solve(A.T @ A + 1e-10 * np.eye(A.shape[1]), A.T @ r))
 
 
 def _best_smooth(
     sensitivities: EffectSensitivities, baseline: ProjectedBaseline, candidate: Candidate, effect: Effect
 ) -> Candidate:
-    """The effect at the smooth shape within its bracket that explains most, by a bounded scalar search (Brent 1973)."""
     from scipy.optimize import minimize_scalar
 
     def loss(trial: float) -> float:
         return -_explained_square(baseline, sensitivities.columns(effect.with_shape(trial)))
 
     bounds = effect.bracket(_joint_span(sensitivities, effect))
-    found = minimize_scalar(loss, bounds=bounds, method="bounded", options={"maxiter": levels.SHAPE_EVALUATIONS})
+    found = minimize_scalar(loss, bounds=bounds, method="bounded", options={"maxiter": 16})
     if found.fun >= loss(float(getattr(effect, effect.smooth_shape))):
         return candidate
     better = effect.with_shape(float(found.x))
     return Candidate(better, sensitivities.columns(better), candidate.searched)
 
 
-def _best_phase(
-    sensitivities: EffectSensitivities, baseline: ProjectedBaseline, candidate: Candidate, component: UnnamedComponent
-) -> Candidate:
-    """The component at that of the finer phases which explains most."""
-    near = [candidate, *(Candidate(u, Z, candidate.searched) for u, Z in finer_phases(sensitivities, component))]
-    return max(near, key=lambda s: _explained_square(baseline, s.Z))
-
-
 def _best_step(
     sensitivities: EffectSensitivities, baseline: ProjectedBaseline, candidate: Candidate, effect: Effect, steps: Array
 ) -> Candidate:
-    """The effect at that of the shapes ``steps`` (k,) which explains most.
-
-    Where they are many, some are tried first, and then those next to the best of them: what an effect explains falls
-    off to both sides of its best shape.
-    """
+    """The effect at that of the shapes ``steps`` (k,) which explains most."""
 
     def gain(k: int) -> float:
         return _explained_square(baseline, sensitivities.columns(effect.with_shape(float(steps[k]))))
 
-    stride = max(len(steps) // levels.MOMENTS_TRIED, 1)
+    stride = max(len(steps) // _MOMENTS_TRIED, 1)
     some = max(range(stride // 2, len(steps), stride), key=gain)
     best = max(range(max(some - stride + 1, 0), min(some + stride, len(steps))), key=gain)
     if gain(best) < _explained_square(baseline, candidate.Z):

@@ -1,29 +1,27 @@
 """The kinds of measurement: one file each, listed here."""
 
-from posture_opt.measurements.kinds.board_pose import BoardPose
 from posture_opt.measurements.kinds.camera import MarkerPixels
 from posture_opt.measurements.kinds.distance import AnchorDistance, AnchorSpec
 from posture_opt.measurements.kinds.kind import Kind, MeasuredQuantity, Seen
 from posture_opt.measurements.kinds.level import Level
 from posture_opt.measurements.kinds.mixed import Member, Mixed
-from posture_opt.measurements.kinds.pair import PairContact
+from posture_opt.measurements.kinds.pair import PairContact, PairSpec
 from posture_opt.measurements.kinds.plane import PlaneContact, PlaneSpec
 from posture_opt.measurements.kinds.point import PointContact
-from posture_opt.measurements.kinds.pose import Pose
-from posture_opt.measurements.kinds.position import FramedPosition, Position
-from posture_opt.measurements.kinds.second_arm import PairSpec
+from posture_opt.measurements.kinds.pose import BoardPose, CameraPose, Pose
+from posture_opt.measurements.kinds.position import Position
 
+# All kinds; the columns of a file say which of them it holds
 KINDS: tuple[type[Kind], ...] = (
     Position, Pose, PointContact, PlaneContact, AnchorDistance, MarkerPixels, Level, PairContact,
 )  # fmt: skip
-"""All kinds; the columns of a file say which of them it holds."""
 
 __all__ = [
     "KINDS",
     "AnchorDistance",
     "AnchorSpec",
     "BoardPose",
-    "FramedPosition",
+    "CameraPose",
     "Kind",
     "Level",
     "MarkerPixels",

@@ -13,13 +13,6 @@ from posture_opt.measurements.kinds.kind import Kind, Seen, Slots, Vector, dot, 
 from posture_opt.numerics import Array
 from posture_opt.spec import Spec
 
-_ROUNDS = 60
-"""Steps of a start at most; some ten are enough."""
-_LEAST_DAMPING = 1e-12
-"""Of a row: anchors that the points leave open stay where they are."""
-_LEAST_M = 1e-9
-"""A distance below which no direction is left."""
-
 
 class AnchorSpec(Spec):
     """What is known of the lengths to an anchor."""
@@ -54,12 +47,10 @@ class AnchorDistance(Kind):
         return np.array([n in self.stated and self.stated[n].offset == "free" for n in self.names], dtype=bool)
 
     def unknowns(self, place: str) -> tuple[tuple[str, str], ...]:
-        """The coordinates of the anchor, and the constant where it is free."""
         offset = (("offset", "m"),) if self.free[list(self.names).index(place)] else ()
         return (("x", "m"), ("y", "m"), ("z", "m"), *offset)
 
     def start(self, seen: Seen, places: int) -> Array:
-        """The best of the anchors that sphere fits lead to, from both sides of the plane of the tool points."""
         points = stacked(seen.position, len(seen.place))
         found = np.zeros((places, 4))
         for k in np.unique(seen.place):
@@ -86,23 +77,21 @@ class AnchorDistance(Kind):
     def _at(self, seen: Seen) -> tuple[Vector, Any]:
         """Directions u from the anchors, three of (N,), and the distances (N,) [m]."""
         apart = [seen.position[i] - seen.values[:, i] for i in range(3)]
-        length = np.maximum(np.sqrt(dot(apart, apart)), _LEAST_M)
+        length = np.maximum(np.sqrt(dot(apart, apart)), 1e-9)
         return [v / length for v in apart], length
 
 
 def _sphere_centre(points: Array, lengths: Array, offset: bool) -> Array:
-    """(4,) anchor and constant [m] for points (n, 3) and their distances (n,).
-
-    ``|p|² − 2 p·a + s = l²`` is linear in a and ``s = |a|²``; points near one plane leave the side of the anchor open:
-    both are tried, and the better of the least squares solutions is kept.
-    """
+    """(4,) anchor and constant [m] for points (n, 3) and their distances (n,)."""
+    # ``|p|² − 2 p·a + s = l²`` is linear in a and ``s = |a|²``; points near one plane leave the side of the anchor
+    # open: both are tried, and the better of the least squares solutions is kept
     middle = points.mean(axis=0)
     p = points - middle
     across = np.linalg.svd(p)[2][-1]
     A = np.column_stack([-2 * p, np.ones(len(p))])
     first = np.linalg.lstsq(A, lengths**2 - np.sum(p**2, axis=1), rcond=1e-6)[0][:3]
     inside = first - (first @ across) * across
-    height = np.sqrt(max(float(np.mean(lengths**2 - np.sum((p - inside) ** 2, axis=1))), _LEAST_M))
+    height = np.sqrt(max(float(np.mean(lengths**2 - np.sum((p - inside) ** 2, axis=1))), 1e-9))
     starts = (first, inside + height * across, inside - height * across)
     solved = [_polished(p, lengths, np.r_[start, 0.0], offset) for start in starts]
     _, best = min(solved, key=lambda one: one[0])
@@ -114,18 +103,19 @@ def _polished(p: Array, lengths: Array, x: Array, offset: bool) -> tuple[float, 
 
     def at(x: Array) -> tuple[Array, Array]:
         apart = p - x[:3]
-        reached = np.maximum(np.linalg.norm(apart, axis=1), _LEAST_M)
+        reached = np.maximum(np.linalg.norm(apart, axis=1), 1e-9)
         J = np.column_stack([-apart / reached[:, None], np.ones((len(p), int(offset)))])
         return reached + x[3] - lengths, J
 
     r, J = at(x)
     damping = 1e-3 * len(p)
-    for _ in range(_ROUNDS):
+    for _ in range(60):  # some ten are enough
         step = np.zeros(4)
         step[: J.shape[1]] = np.linalg.solve(J.T @ J + damping * np.eye(J.shape[1]), -J.T @ r)
         other, slope = at(x + step)
         if other @ other < r @ r:
-            x, r, J, damping = x + step, other, slope, max(damping / 5, _LEAST_DAMPING * len(p))
+            # The least damping keeps anchors that the points leave open where they are.
+            x, r, J, damping = x + step, other, slope, max(damping / 5, 1e-12 * len(p))
         else:
             damping *= 5
         if float(np.abs(step).max()) < 1e-9:

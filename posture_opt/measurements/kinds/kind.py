@@ -5,128 +5,88 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
 from posture_opt.numerics import Array, Codes, Json, Mask
 
-if TYPE_CHECKING:
-    from posture_opt.measurements.kinds.second_arm import SecondArm
-
-Vector = Sequence[Any] | Array
-"""Three coordinates, each a number or (N,)."""
-Slots = tuple[Any, ...]
-"""The d numbers of a reading, each a number or (N,)."""
+Vector = Sequence[Any] | Array  # Three coordinates, each a number or (N,)
+Slots = tuple[Any, ...]  # The d numbers of a reading, each a number or (N,)
 
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """The tool at N rows, beside what was read there.
+    """The tool at N rows, beside what was read there."""
 
-    Args:
-        position: of the tool point [m], world; three of (N,).
-        columns: of the rotation R_world_tool, each three of (N,).
-        reading: (N, D) what the instrument showed, in its SI unit.
-        place: (N,) code of the plane, anchor or point that each row belongs to.
-        values: (N, u) the unknowns of that place, and of a second one where rows belong to two.
-        second: (N,) codes in the second column of names, as markers that cameras see.
-        part: (N,) instrument and number of its reading, where a file mixes instruments.
-    """
-
-    position: Vector
-    columns: Sequence[Vector] | Array
-    reading: Array
-    place: Codes
-    values: Array
+    position: Vector  # of the tool point [m], world; three of (N,)
+    columns: Sequence[Vector] | Array  # of the rotation R_world_tool, each three of (N,)
+    reading: Array  # (N, D) what the instrument showed, in its SI unit
+    place: Codes  # (N,) code of the plane, anchor or point that each row belongs to
+    values: Array  # (N, u) the unknowns of that place, and of a second one where rows belong to two
+    # (N,) codes in the second column of names, as markers that cameras see
     second: Codes = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    # (N,) instrument and number of its reading, where a file mixes instruments
     part: Codes = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
 
 
 @dataclass(frozen=True)
 class MeasuredQuantity:
-    """Numbers of a reading that share a unit and a standard deviation.
+    """Numbers of a reading that share a unit and a standard deviation."""
 
-    Args:
-        key: under ``uncertainty: {measurement: …}``, and in documents.
-        unit: SI; slots: places of the numbers in a reading.
-    """
-
-    key: str
-    unit: str
-    slots: tuple[int, ...]
+    key: str  # under ``uncertainty: {measurement: …}``, and in documents
+    unit: str  # SI
+    slots: tuple[int, ...]  # places of the numbers in a reading
 
 
 @dataclass(frozen=True, eq=False)
 class Kind:
     """A kind of measurement: ``reading = h(T_world_tool; unknowns of its place) + noise``.
 
-    A kind states ``h``, its change with a twist of the tool, and its change with each unknown; a fit, a diagnosis and
-    a report follow from these. The twist is ``(v, ω)``: the shift of the tool point [m] and the turn of the tool [rad],
+    A kind states ``h``, its change with a twist of the tool, and its change with each unknown; a fit, a diagnosis and a
+    report follow from these. The twist is ``(v, ω)``: the shift of the tool point [m] and the turn of the tool [rad],
     both in the world.
-
-    Args:
-        stated: what the file says of places; names: (P,) of all places.
     """
 
-    kind: ClassVar[str]
-    """Its name in reports and documents."""
-    noun: ClassVar[str]
-    """What one row is, in plural: ``touches of planes``."""
-    unit: ClassVar[str] = "m"
-    """SI unit of a reading."""
-    columns: ClassVar[Mapping[str, str]] = {}
-    """Column of numbers -> its dimension; all are required."""
-    label: ClassVar[str] = ""
-    """Column that names the place of a row."""
-    second_label: ClassVar[str] = ""
-    """Column that names what else a row belongs to, as the marker that a camera sees."""
-    width: ClassVar[int] = 6
-    """Unknowns of a row at most."""
-    example: ClassVar[str] = ""
-    """Headers to add to a file that measures nothing."""
+    kind: ClassVar[str]  # Its name in reports and documents
+    noun: ClassVar[str]  # What one row is, in plural: ``touches of planes``
+    unit: ClassVar[str] = "m"  # SI unit of a reading
+    columns: ClassVar[Mapping[str, str]] = {}  # Column of numbers -> its dimension; all are required
+    label: ClassVar[str] = ""  # Column that names the place of a row
+    second_label: ClassVar[str] = ""  # Column that names what else a row belongs to, as the marker that a camera sees
+    width: ClassVar[int] = 6  # Unknowns of a row at most
+    example: ClassVar[str] = ""  # Headers to add to a file that measures nothing
+    # Key under ``uncertainty: {measurement: …}`` that states its standard deviation
     sigma_key: ClassVar[str] = "position"
-    """Key under ``uncertainty: {measurement: …}`` that states its standard deviation."""
+    # What is read beside the numbers in which errors count, as the orientation of a pose
     further: ClassVar[tuple[MeasuredQuantity, ...]] = ()
-    """What is read beside the numbers in which errors count, as the orientation of a pose."""
-    settings: ClassVar[str] = ""
-    """Key of the section ``data`` with what is known of its places."""
+    settings: ClassVar[str] = ""  # Key of the section ``data`` with what is known of its places
+    # Whether it contains a length, so that an arm of half the size would not fit as well
     size_known: ClassVar[bool] = True
-    """Whether it contains a length, so that an arm of half the size would not fit as well."""
+    # Whether parts are taken to be within manufacturing tolerances, as such data do not show all of them
     leaves_geometry_open: ClassVar[bool] = True
-    """Whether parts are taken to be within manufacturing tolerances, as such data do not show all of them."""
-    contact: ClassVar[bool] = False
-    """Whether the tool must be led to a place to measure it."""
+    contact: ClassVar[bool] = False  # Whether the tool must be led to a place to measure it
+    # Whether it stays at the tool on the way from one posture to the next, as a wire does
     attached: ClassVar[bool] = False
-    """Whether it stays at the tool on the way from one posture to the next, as a wire does."""
-    held_out_by: ClassVar[Literal["pose", "place"]] = "pose"
-    """What a cross-validation leaves out together."""
+    held_out_by: ClassVar[Literal["pose", "place"]] = "pose"  # What a cross-validation leaves out together
+    # Whether its places are taken in the frame of the base, which is then no unknown
     fixed_to_base: ClassVar[bool] = True
-    """Whether its places are taken in the frame of the base, which is then no unknown."""
-    oriented: ClassVar[bool] = False
-    """Whether it shows how the tool is turned."""
+    oriented: ClassVar[bool] = False  # Whether it shows how the tool is turned
+    # Whether errors count from the mean of a place, as nothing else says where it is
     about_mean: ClassVar[bool] = False
-    """Whether errors count from the mean of a place, as nothing else says where it is."""
-    error_words: ClassVar[str] = "position error"
-    """What the errors of a model are called."""
-    number_words: ClassVar[str] = "coordinate"
-    """What one number of a reading is called."""
+    error_words: ClassVar[str] = "position error"  # What the errors of a model are called
+    number_words: ClassVar[str] = "coordinate"  # What one number of a reading is called
+    # What the numbers of a reading are called, in a vector of three
     axis_names: ClassVar[tuple[str, ...]] = ("x", "y", "z")
-    """What the numbers of a reading are called, in a vector of three."""
-    blind_spot: ClassVar[str] = ""
-    """What such data cannot show, whatever the postures."""
-    remedy: ClassVar[str] = ""
-    """What to add."""
+    blind_spot: ClassVar[str] = ""  # What such data cannot show, whatever the postures
+    remedy: ClassVar[str] = ""  # What to add
 
-    stated: Mapping[str, Any] = field(default_factory=dict)
-    names: Sequence[str] = ()
+    stated: Mapping[str, Any] = field(default_factory=dict)  # what the file says of places
+    names: Sequence[str] = ()  # (P,) of all places
 
     @classmethod
     def of(cls, data: object, names: Sequence[str], seconds: Sequence[str] = ()) -> Kind:
-        """The kind with what the section ``data`` of a problem says of its places; ``names`` (P,) of these.
-
-        ``seconds`` are the texts of the second column of names.
-        """
+        """The kind with what the section ``data`` of a problem says of its places; ``names`` (P,) of these."""
         return cls(getattr(data, cls.settings), names) if cls.settings else cls()
 
     @classmethod
@@ -142,7 +102,7 @@ class Kind:
     @property
     def read_columns(self) -> Mapping[str, str]:
         """The columns of numbers of these data -> dimension."""
-        return self.columns
+        return self.columns_in(None)
 
     @property
     def fixes_size(self) -> bool:
@@ -151,7 +111,7 @@ class Kind:
 
     def axes(self, measured: Mask) -> Codes:
         """(d,) places of the numbers of a reading in a vector of three; ``measured`` (3,) are coordinates in a file."""
-        return np.arange(1)
+        return np.arange(len(self.axis_names))
 
     def numbers(self, measured: Mask) -> Codes:
         """(b,) places of all numbers of a reading: those of `axes`, then those of `further`."""
@@ -162,11 +122,8 @@ class Kind:
         return self
 
     def prepared(self, seen: Seen, moving: Mask, up: Array) -> Kind:
-        """The kind with reference values for its unknowns, by the nominal arm.
-
-        Args:
-            seen: of the nominal arm; moving: (3,) world axes along which the tool can move; up: (3,) against gravity.
-        """
+        """The kind with reference values for its unknowns, by the nominal arm."""
+        # seen: of the nominal arm; moving: (3,) world axes along which the tool can move; up: (3,) against gravity
         return self
 
     def alternatives(self, seen: Seen) -> Sequence[tuple[Kind, Codes]]:
@@ -219,7 +176,7 @@ class Kind:
         return {}
 
     @property
-    def second_arms(self) -> Mapping[str, SecondArm]:
+    def second_arms(self) -> Mapping[str, Any]:
         """Name -> the other arms whose joints are in the rows."""
         return {}
 
@@ -232,16 +189,16 @@ class Kind:
         raise NotImplementedError(f"{self.kind} does not show how the tool is turned")
 
     def start(self, seen: Seen, places: int) -> Array:
-        """(P, u) the unknowns that suit the tool at N rows best, roughly; NaN nowhere."""
-        return np.zeros((places, 0))
+        """(P, u) the unknowns that suit the tool at N rows best, roughly; zeros where references are `prepared`."""
+        return np.zeros((places, self.width))
 
     @abstractmethod
     def error(self, seen: Seen) -> Slots:
         """The model's reading minus the instrument's."""
 
-    @abstractmethod
     def slope(self, seen: Seen, shift: Vector, turn: Vector) -> Slots:
-        """Change of the reading with a twist of the tool, ``∂h/∂T · (v, ω)``."""
+        """Change of the reading with a twist of the tool, ``∂h/∂T · (v, ω)``; of a position the shift itself."""
+        return tuple(shift)
 
     def unknown_slope(self, seen: Seen, axis: int) -> Slots:
         """Change of the reading with one of the unknowns."""
@@ -260,18 +217,12 @@ class Kind:
         return np.zeros((len(seen.place), 3))
 
     def weighed(self, names: Sequence[str], place: Codes, part: Codes | None) -> tuple[Sequence[str], Codes]:
-        """What may have a standard deviation of its own, and which of it each row is of: the places, by their names.
-
-        Args:
-            names: of places; place: (N,) of each row; part: as of `Seen`, None where one instrument reads.
-        """
+        """What may have a standard deviation of its own, and which of it each row is of: the places, by their names."""
+        # names: of places; place: (N,) of each row; part: as of `Seen`, None where one instrument reads
         return names, place
 
     def sigmas(self, measurement: object) -> dict[str, float]:
-        """Standard deviation of a reading at each place by the section ``measurement``; 0 where none is stated.
-
-        Empty where all places have the same.
-        """
+        """Standard deviation of a reading at each place by the section ``measurement``; 0 where none is stated."""
         if not self.settings:
             return {}
         stated = float(getattr(measurement, self.sigma_key, None) or 0.0)
@@ -294,3 +245,9 @@ def dot(a: Vector, b: Vector) -> Any:
 def stacked(vector: Vector, n: int) -> Array:
     """(n, 3) of three coordinates, each a number or (n,)."""
     return np.stack([np.broadcast_to(np.asarray(v, dtype=float), (n,)) for v in vector], axis=1)
+
+
+def tool_pose(seen: Seen) -> tuple[Array, Array]:
+    """R (N, 3, 3) and p (N, 3) of the tool in the world."""
+    n = len(seen.place)
+    return np.stack([stacked(column, n) for column in seen.columns], axis=2), stacked(seen.position, n)

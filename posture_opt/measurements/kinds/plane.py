@@ -29,10 +29,6 @@ class PlaneContact(Kind):
     The unit normal is ``n = (n₀ + a e₁ + b e₂)/√(1 + a² + b²)``; c and the axes (e₁, e₂, n₀) are those of a plane
     through the nominal tool points, so that a, b, h are small. The ball counts on one side: its radius only shifts the
     surface that is reported. Source: Zhuang, Motaghedi, Roth (1999), plane constraints.
-
-    Args:
-        frames: (P, 3, 3) the rows (e₁, e₂, n₀) [1]; centres: (P, 3) c [m], world.
-        sides: (P,) +1 or −1, the side of the surface on which the base of the arm is.
     """
 
     kind: ClassVar[str] = "plane"
@@ -49,12 +45,12 @@ class PlaneContact(Kind):
     blind_spot: ClassVar[str] = "planes give no scale across them: an arm of another size touches other planes as well"
     remedy: ClassVar[str] = "add one known length: give a link its measured value in the file"
 
-    frames: Array = field(default_factory=lambda: np.zeros((0, 3, 3)))
-    centres: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    frames: Array = field(default_factory=lambda: np.zeros((0, 3, 3)))  # (P, 3, 3) the rows (e₁, e₂, n₀) [1]
+    centres: Array = field(default_factory=lambda: np.zeros((0, 3)))  # (P, 3) c [m], world
+    # (P,) +1 or −1, the side of the surface on which the base of the arm is
     sides: Array = field(default_factory=lambda: np.zeros(0))
 
     def prepared(self, seen: Seen, moving: Mask, up: Array) -> PlaneContact:
-        """Planes through the nominal tool points; across the still axes of a planar arm no normal has a part."""
         points, count = stacked(seen.position, len(seen.place)), len(self.names)
         frames, centres = np.zeros((count, 3, 3)), np.zeros((count, 3))
         basis = np.eye(3)[moving] if moving.any() else np.eye(3)
@@ -69,12 +65,7 @@ class PlaneContact(Kind):
         return replace(self, frames=frames, centres=centres, sides=np.where(toward < 0, -1.0, 1.0))
 
     def unknowns(self, place: str) -> tuple[tuple[str, str], ...]:
-        """Two small turns of the normal, and the distance along it."""
         return (("tilt_1", "rad"), ("tilt_2", "rad"), ("offset", "m"))
-
-    def start(self, seen: Seen, places: int) -> Array:
-        """Zeros: the reference is the plane through the nominal tool points."""
-        return np.zeros((places, 3))
 
     def error(self, seen: Seen) -> Slots:
         """``n·(p − c) − h``."""

@@ -8,8 +8,8 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from posture_opt.measurements.kinds.kind import Kind, Seen, Slots, Vector, stacked
-from posture_opt.numerics import Array, Codes, Mask
+from posture_opt.measurements.kinds.kind import Kind, Seen, Slots, stacked
+from posture_opt.numerics import Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,20 +26,13 @@ class PointContact(Kind):
     remedy: ClassVar[str] = "state a distance under data.distances"
     held_out_by: ClassVar[Literal["pose", "place"]] = "place"
 
-    def axes(self, measured: Mask) -> Codes:
-        """All three coordinates."""
-        return np.arange(3)
-
     def unknowns(self, place: str) -> tuple[tuple[str, str], ...]:
-        """The coordinates of the point."""
         return (("x", "m"), ("y", "m"), ("z", "m"))
 
     def touched_points(self, names: Sequence[str]) -> Mapping[str, int]:
-        """All places."""
         return {name: code for code, name in enumerate(names)}
 
     def start(self, seen: Seen, places: int) -> Array:
-        """The mean of all touches of each point."""
         points = stacked(seen.position, len(seen.place))
         found = np.zeros((places, 3))
         for k in np.unique(seen.place):
@@ -49,10 +42,6 @@ class PointContact(Kind):
     def error(self, seen: Seen) -> Slots:
         """``p − c``."""
         return tuple(seen.position[a] - seen.values[:, a] for a in range(3))
-
-    def slope(self, seen: Seen, shift: Vector, turn: Vector) -> Slots:
-        """The shift itself."""
-        return tuple(shift)
 
     def aspect(self, seen: Seen) -> Array:
         """The tool's z axis in the world: from where the ball goes into the socket."""

@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Container, Mapping
-from dataclasses import dataclass, field, replace
-from typing import ClassVar
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self
 
 import numpy as np
 
-from posture_opt.measurements.kinds.free_frame import FRAME_UNKNOWNS, FreeFrame, described_pose
-from posture_opt.measurements.kinds.kind import Kind, Seen, Slots, Vector, stacked
+from posture_opt.measurements.kinds.kind import Kind, Seen, Slots, stacked
+from posture_opt.measurements.rotations import FRAME_UNKNOWNS, FreeFrame, described_pose
 from posture_opt.numerics import Array, Codes, Json, Mask
 
-COORDINATES = ("x", "y", "z")
-"""Columns of the measured tool point."""
+COORDINATES = ("x", "y", "z")  # Columns of the measured tool point
 
 
 @dataclass(frozen=True, eq=False)
 class Position(Kind):
-    """``h = p``, the measured coordinates of the tool point."""
+    """``p = T m``, the measured coordinates of the tool point, in the world or in a tracker's own frame T.
+
+    Errors are in the axes of the world.
+    """
 
     kind: ClassVar[str] = "position"
     noun: ClassVar[str] = "positions"
@@ -26,91 +28,46 @@ class Position(Kind):
     leaves_geometry_open: ClassVar[bool] = False
     example: ClassVar[str] = "x [mm], y [mm], z [mm]"
 
+    frame: FreeFrame | None = None  # T_world_tracker beside other readings; None: that of the world
+
     @classmethod
     def columns_in(cls, data: object) -> Mapping[str, str]:
-        """The coordinates."""
         return dict.fromkeys(COORDINATES, "length")
 
     @classmethod
     def required(cls, data: object, there: Container[str]) -> frozenset[str]:
-        """Those of the coordinates that are there: an arm may not move along all."""
+        """The coordinates that are there: an arm may not move along all."""
         return frozenset(name for name in COORDINATES if name in there)
 
-    @property
-    def read_columns(self) -> Mapping[str, str]:
-        """The coordinates."""
-        return dict.fromkeys(COORDINATES, "length")
-
     def axes(self, measured: Mask) -> Codes:
-        """The coordinates that were measured."""
-        return np.flatnonzero(measured)
+        return np.flatnonzero(measured) if self.frame is None else np.arange(3)
 
-    def in_own_frame(self) -> FramedPosition:
-        """Positions in the frame of a tracker."""
-        return FramedPosition()
+    def in_own_frame(self) -> Self:
+        return replace(self, frame=FreeFrame())
 
-    def error(self, seen: Seen) -> Slots:
-        """``p − m``, in all three coordinates: those that were not measured hold the nominal model's value."""
-        return tuple(seen.position[a] - seen.reading[:, a] for a in range(3))
-
-    def slope(self, seen: Seen, shift: Vector, turn: Vector) -> Slots:
-        """The shift itself."""
-        return tuple(shift)
-
-
-@dataclass(frozen=True, eq=False)
-class FramedPosition(Kind):
-    """``p = T m``: positions m that a tracker measures in a frame T of its own, beside other readings.
-
-    Errors are in the axes of the world.
-
-    Args:
-        frame: T_world_tracker, about the one that suits the nominal arm.
-    """
-
-    kind: ClassVar[str] = "position"
-    noun: ClassVar[str] = "positions"
-
-    frame: FreeFrame = field(default_factory=FreeFrame)
-
-    @property
-    def read_columns(self) -> Mapping[str, str]:
-        """The coordinates."""
-        return dict.fromkeys(COORDINATES, "length")
-
-    def axes(self, measured: Mask) -> Codes:
-        """All three coordinates."""
-        return np.arange(3)
-
-    def prepared(self, seen: Seen, moving: Mask, up: Array) -> FramedPosition:
-        """The frame that suits the nominal arm best."""
+    def prepared(self, seen: Seen, moving: Mask, up: Array) -> Self:
+        if self.frame is None:
+            return self
         return replace(self, frame=FreeFrame.fitted(stacked(seen.position, len(seen.place)), seen.reading[:, :3]))
 
     def unknowns(self, place: str) -> tuple[tuple[str, str], ...]:
-        """The pose of the frame, about the reference."""
-        return FRAME_UNKNOWNS
-
-    def start(self, seen: Seen, places: int) -> Array:
-        """Zeros: the reference suits the nominal arm."""
-        return np.zeros((places, len(FRAME_UNKNOWNS)))
+        return () if self.frame is None else FRAME_UNKNOWNS
 
     def error(self, seen: Seen) -> Slots:
-        """``p − T m``."""
-        there = self.frame.placed(seen.values, seen.reading[:, :3])
+        """``p − T m`` in all three coordinates: unmeasured ones hold the nominal model's value."""
+        read = seen.reading[:, :3]
+        there = read if self.frame is None else self.frame.placed(seen.values, read)
         return tuple(seen.position[a] - there[:, a] for a in range(3))
-
-    def slope(self, seen: Seen, shift: Vector, turn: Vector) -> Slots:
-        """The shift itself."""
-        return tuple(shift)
 
     def unknown_slope(self, seen: Seen, axis: int) -> Slots:
         """``−∂(T m)``."""
+        assert self.frame is not None, "a frame of its own"
         return tuple(-moved for moved in self.frame.slope(seen.values, seen.reading[:, :3], axis))
 
     def expected(self, seen: Seen) -> Array:
-        """The tool point in the frame of the tracker [m]."""
-        return self.frame.seen_from(seen.values, stacked(seen.position, len(seen.place)))
+        """(N, 3) the tool point in the frame of the tracker [m]."""
+        points = stacked(seen.position, len(seen.place))
+        return points if self.frame is None else self.frame.seen_from(seen.values, points)
 
     def described(self, place: str, values: Array) -> dict[str, Json]:
-        """Pose of the tracker's frame in the world [m, rad]."""
-        return described_pose(self.frame.pose(values))
+        return {} if self.frame is None else described_pose(self.frame.pose(values))

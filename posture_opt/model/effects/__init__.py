@@ -5,8 +5,17 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from posture_opt.model.effects.base.catalogue_entry import INPUTS, CatalogueEntry, Evidence, Limit
-from posture_opt.model.effects.base.cause import ROWS, Abscissa, Cause, FittedSizes, Size
+from posture_opt.model.effects.base.cause import (
+    INPUTS,
+    ROWS,
+    Abscissa,
+    CatalogueEntry,
+    Cause,
+    Evidence,
+    FittedSizes,
+    Limit,
+    Size,
+)
 from posture_opt.model.effects.base.effect import Effect, Excitation, Sensitivity
 from posture_opt.model.effects.base.joint_effect import JointEffect
 from posture_opt.model.effects.noise.noise_effect import NoiseEffect, Pattern, Rows
@@ -24,6 +33,7 @@ if TYPE_CHECKING:
     NOISES: tuple[type[NoiseEffect], ...]
     CATALOGUE: tuple[type[CatalogueEntry], ...]
 
+# The kinds that move the tool point, `EFFECTS`; a kind is the name of its file, and in capitals of its class
 MOVING_KINDS = (
     "joint_scale",
     "gear_eccentricity",
@@ -48,23 +58,15 @@ MOVING_KINDS = (
     "late_reading",
     "tool_shift",
 )
-"""The kinds that move the tool point, `EFFECTS`; a kind is the name of its file, and in capitals of its class."""
 
-NOISY_KINDS = (
-    "joint_noise",
-    "range_noise",
-    "stated_sigma",
-    "outliers",
-    "correlated_lengths",
-)
-"""The kinds that spread it, or its measurements, `NOISES`; both together are the `CATALOGUE`."""
+# The kinds that spread it, or its measurements, `NOISES`; both together are the `CATALOGUE`
+NOISY_KINDS = ("joint_noise", "range_noise", "stated_sigma", "outliers", "correlated_lengths")
 
+# Kind -> the file of its class, in this folder
 _FILES = {kind: kind for kind in MOVING_KINDS} | {kind: f"noise.{kind}" for kind in NOISY_KINDS}
-"""Kind -> the file of its class, in this folder."""
+# Name of a list of classes -> the kinds in it
 _LISTS = {"EFFECTS": MOVING_KINDS, "NOISES": NOISY_KINDS, "CATALOGUE": (*MOVING_KINDS, *NOISY_KINDS)}
-"""Name of a list of classes -> the kinds in it."""
-_KINDS = {class_name(kind): kind for kind in _FILES}
-"""Class name -> kind."""
+_KINDS = {class_name(kind): kind for kind in _FILES}  # Class name -> kind
 
 
 def effect_class(kind: str) -> type[CatalogueEntry] | None:
@@ -76,11 +78,7 @@ def effect_class(kind: str) -> type[CatalogueEntry] | None:
 
 
 def __getattr__(name: str) -> Any:
-    """A list of classes, or one class by its name, imported when it is first used.
-
-    Raises:
-        AttributeError: no kind and no list has this name.
-    """
+    """A list of classes, or one class by its name, imported when it is first used."""
     if name in _LISTS:
         value: Any = tuple(map(effect_class, _LISTS[name]))
     elif name in _KINDS:

@@ -11,10 +11,9 @@ import numpy as np
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar
 from posture_opt.model.effects.base.cause import Abscissa, FittedSizes, Size, over_joint
-from posture_opt.model.effects.base.lost_motion import LostMotion
+from posture_opt.model.effects.base.joint_effect import LostMotion
 
-_WHOLE = "whole width"
-"""What the size of a play is: drawings state it so, others its half to either side."""
+_WHOLE = "whole width"  # What the size of a play is: drawings state it so, others its half to either side
 
 
 class Backlash(LostMotion):
@@ -45,7 +44,6 @@ class Backlash(LostMotion):
         return tuple(replace(size, more=f"{size.more}, {_WHOLE}") for size in super().sizes(estimate))
 
     def headline(self, estimate: FittedSizes) -> str:
-        """The width, said to be the whole one."""
         return f"{super().headline(estimate)} {_WHOLE}"
 
     def abscissa(self, state: ArmState, timed: bool = True) -> Abscissa:

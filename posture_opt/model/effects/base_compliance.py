@@ -7,8 +7,8 @@ from typing import ClassVar, Literal
 
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import cross, dot, scale, subtract
-from posture_opt.model.effects.base.effect import Effect, Excitation, Sensitivity, SoleEffect
-from posture_opt.model.effects.base.gravity_load import GravityLoaded
+from posture_opt.model.effects.base.effect import Effect, Excitation, Sensitivity, SoleEffect, foot
+from posture_opt.model.effects.base.joint_effect import GravityLoaded
 
 
 class BaseCompliance(GravityLoaded, SoleEffect):
@@ -30,19 +30,14 @@ class BaseCompliance(GravityLoaded, SoleEffect):
 
     def sensitivities(self, state: ArmState) -> tuple[Sensitivity, ...]:
         """Turn (3,) [rad] per unit of each parameter and the shift of the tool point that follows, ``φ × (x −
-        foot)``.
-        """
-        foot = state.walk.screws[len(state.robot.base)].origin
-        g = state.robot.gravity
-        found = []
-        for moment in self.moments(state, -1, foot):
-            turn = subtract(moment, scale(dot(moment, g) / dot(g, g), g))
-            found.append(Sensitivity(twist=(cross(turn, subtract(state.tool, foot)), turn)))
-        return tuple(found)
+        foot)``."""
+        g, lever = state.robot.gravity, subtract(state.tool, foot(state))
+        moments = self.moments(state, -1, foot(state))
+        turns = [subtract(moment, scale(dot(moment, g) / dot(g, g), g)) for moment in moments]
+        return tuple(Sensitivity(twist=(cross(turn, lever), turn)) for turn in turns)
 
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:
-        """The one instance, where the masses of the links are known."""
         return [cls()] if "masses" in case.inputs else []
 
     @classmethod

@@ -15,34 +15,16 @@ from posture_opt.model.chain import Scalar, cos, sin
 from posture_opt.model.effects.base.cause import FittedSizes, Size, amplitude
 from posture_opt.model.effects.base.effect import Effect, Excitation
 from posture_opt.model.effects.base.joint_effect import Harmonic
-from posture_opt.model.effects.base.multiples import cycles_error, cycles_text, harmonic_order
-from posture_opt.model.effects.base.rotating_parts import COMMON_RATIOS
+from posture_opt.model.effects.base.multiples import COMMON_RATIOS, cycles_error, cycles_text, harmonic_order
 from posture_opt.numerics import TURN, Array
 from posture_opt.robot.robot import Robot
 from posture_opt.units import Angle, number, plus_minus, shown
 
+# Cycles per revolution between which lines are searched; below lie eccentricity and second harmonic
 MIN_CYCLES, MAX_CYCLES = 2.5, 300.0
-"""Cycles per revolution between which lines are searched; below lie eccentricity and second harmonic."""
-_SLOW_BELOW_CYCLES = 5.0
-"""Cycles per revolution below which it is one of the slow curves over its joint."""
-OVERSAMPLING = 3.0
-"""Grid points per spacing 2π / range at which neighbouring frequencies are independent."""
-_SAME_VALUE_RAD = 1e-3
-"""Joint values nearer to each other than this [rad] are one: a twentieth of the shortest period."""
-_MIN_JOINT_VALUES = 10
-"""Different values of a joint; fewer are met by some line of thousands whatever the errors are."""
-_ALIAS_WINDOW = 0.9
-"""Value of the spectral window from which two lines have columns that are alike in all but rounding."""
-_MIN_STATED_CYCLES_ERROR = 0.05
-"""Standard error of cycles per revolution from which on it is said: smaller ones change nothing that is looked at."""
-_MIN_PERIODS = 1.5
-"""Periods within the range of a joint from which on an error has a frequency; fewer are a curve."""
+OVERSAMPLING = 3.0  # Grid points per spacing 2π / range at which neighbouring frequencies are independent
 _SLOW_INSPECTION = "{target} over its whole range: encoder or gear off centre, a bent shaft, cables and hoses that pull"
-_MAX_LISTED_LINES = 3
-"""Lines in a sentence."""
 _LINE_UNITS = " (amplitudes at cycles per revolution)"
-_WINDOW_VALUES = 500
-"""Joint values that the spectral window is taken of; chosen for time."""
 
 
 class CyclicError(Harmonic):
@@ -115,7 +97,6 @@ class CyclicError(Harmonic):
 
     @property
     def frequencies(self) -> tuple[float, ...]:
-        """Cycles per revolution of all its lines."""
         return self.lines
 
     def features(self, state: ArmState, joint: int) -> tuple[Scalar, ...]:
@@ -125,13 +106,12 @@ class CyclicError(Harmonic):
 
     @property
     def spectral_lines(self) -> tuple[float, ...]:
-        """Cycles per revolution of all its lines."""
         return self.lines
 
     @property
     def slow(self) -> bool:  # type: ignore[override] # of this very instance
-        """Whether all its lines are so slow that they are curves over the joint's range rather than ripple."""
-        return max(self.lines) < _SLOW_BELOW_CYCLES
+        """Whether all lines are curves over the joint's range rather than ripple."""
+        return max(self.lines) < 5.0  # cycles per revolution below which it is one of the slow curves over its joint
 
     @property
     def name(self) -> str:
@@ -140,19 +120,13 @@ class CyclicError(Harmonic):
 
     @property
     def words(self) -> str:
-        """The cause in one clause, with its largest lines."""
         if not self.further:
             return f"{self.joint} has a cyclic error of {cycles_text(self.cycles)} cycles per revolution"
-        return (
-            f"{self.joint} has a cyclic error of {len(self.lines)} lines "
-            f"({_first_listed(self.lines)} cycles per revolution)"
-        )
+        texts = [cycles_text(k) for k in self.lines[:3]]
+        listed = ", ".join(texts) + " …" if len(self.lines) > len(texts) else enumerated(texts)
+        return f"{self.joint} has a cyclic error of {len(self.lines)} lines ({listed} cycles per revolution)"
 
     def worded(self, estimate: FittedSizes) -> str:
-        """The cause in one clause; of several lines how many the data tell apart, and where the largest is.
-
-        What has fewer than `_MIN_PERIODS` within the range of the joint is a curve, whatever its line.
-        """
         slow = f"{self.joint} has a slow error over its range"
         bands = self.bands(estimate)
         if not bands:
@@ -165,14 +139,13 @@ class CyclicError(Harmonic):
         return f"{self.joint} has a cyclic error of {largest}"
 
     def sharp(self, span: float) -> tuple[int, ...]:
-        """The lines that have a frequency within a range of the joint [rad]; all of them where it is not known."""
-        return tuple(i for i, k in enumerate(self.lines) if not span > 0 or k * span / TURN >= _MIN_PERIODS)
+        """The lines with a frequency within a range of the joint [rad]; all if it is unknown."""
+        # Periods within the range of a joint from which on an error has a frequency; fewer are a curve.
+        return tuple(i for i, k in enumerate(self.lines) if not span > 0 or k * span / TURN >= 1.5)
 
     def bands(self, estimate: FittedSizes) -> tuple[tuple[int, ...], ...]:
-        """The lines that have a frequency, together where the values of the joint do not tell them apart.
-
-        The strongest band first, in it the largest line.
-        """
+        """Lines with a frequency, those together that the joint values do not tell apart; the strongest band and line
+        first."""
         found: list[list[int]] = []
         for i in sorted(self.sharp(estimate.span), key=lambda i: self.lines[i]):
             if found and self.lines[i] - self.lines[found[-1][-1]] <= estimate.resolution:
@@ -190,24 +163,23 @@ class CyclicError(Harmonic):
         return f"{math.floor(min(every))} to {math.ceil(max(every))}"
 
     def _cycles_known(self, band: Sequence[int], estimate: FittedSizes) -> str:
-        """Cycles per revolution of a band; of a single line with their standard error, where that is known."""
         error = math.nan if self.further else estimate.values.get("cycles", (0.0, math.nan, ""))[1]
         if not math.isfinite(error) and estimate.span > 0:
             error = cycles_error(self._amplitudes(estimate)[band[0]], estimate.span)
-        if len(band) > 1 or not error > _MIN_STATED_CYCLES_ERROR:
+        # Standard error of cycles per revolution from which on it is said: smaller ones change nothing that is looked
+        # at.
+        if len(band) > 1 or not error > 0.05:
             return self.band_text(band)
         digits = max(-math.floor(math.log10(error)), 0)
         return f"{self.lines[band[0]]:.{digits}f} ± {error:.{digits}f}"
 
     @property
     def qualifier(self) -> str:
-        """Its cycles per revolution; of several lines the largest, and how many more."""
         if self.further:
             return f"{cycles_text(self.cycles)}/rev + {len(self.further)} more"
         return f"{cycles_text(self.cycles)} cycles per revolution"
 
     def labelled(self, estimate: FittedSizes) -> str:
-        """Kind and joint, with the cycles of the strongest band, and how many more bands there are."""
         bands = self.bands(estimate)
         if not bands:
             return f"{self.title} ({self.joint}, slow)"
@@ -216,21 +188,16 @@ class CyclicError(Harmonic):
         return f"{self.title} ({self.joint}, {slow}{self.band_text(bands[0])}/rev{more})"
 
     def inspect(self, robot: Robot) -> str:
-        """What turns so often, at the gear ratio of the file or at a common one; else parts of the drive to count."""
         return self._inspect(robot, tuple(range(len(self.lines))), cycles_text(self.cycles))
 
     def inspect_fitted(self, robot: Robot, estimate: FittedSizes) -> str:
-        """What turns so often as the lines that have a frequency; what makes a slow curve where there are none."""
         bands = self.bands(estimate)
         if not bands:
             return _SLOW_INSPECTION.format(target=self.joint)
         return self._inspect(robot, [i for band in bands for i in band], self._cycles_known(bands[0], estimate))
 
     def _inspect(self, robot: Robot, lines: Sequence[int], cycles: str) -> str:
-        """What turns as often as some lines, the largest of which has so many ``cycles``.
-
-        One part turns at one rate: of several lines the largest is looked for.
-        """
+        """What turns as often as some lines, the largest of which has so many ``cycles``."""
         own = self.of_parts(lines)
         assert isinstance(own, CyclicError)
         for part in own.rotating_parts(robot):
@@ -244,11 +211,7 @@ class CyclicError(Harmonic):
 
     @classmethod
     def joined(cls, lines: Sequence[CyclicError], amplitudes: Sequence[float]) -> CyclicError:
-        """One error of several lines of a joint, the largest first.
-
-        Args:
-            amplitudes: of each line, fitted together [rad].
-        """
+        """One error of several lines of a joint, the largest of the ``amplitudes`` [rad] first."""
         order = sorted(range(len(lines)), key=lambda i: -amplitudes[i])
         first, *further = (lines[i] for i in order)
         return first.model_copy(update={"further": tuple(line.cycles for line in further)})
@@ -256,33 +219,23 @@ class CyclicError(Harmonic):
     @property
     def exclusive(self) -> tuple[object, ...]:
         """Kind, joint and cycles to one decimal: one joint may have several lines."""
-        return self.kind, self.target, round(self.cycles, 1)  # one joint may have several lines
+        return self.kind, self.target, round(self.cycles, 1)
 
     def bracket(self, span: float) -> tuple[float, float]:
-        """Cycles between which a better single line can lie: one step of the grid to either side; ``span`` of the
-        joint [rad].
-        """
+        """One step of the grid to either side; ``span`` of the joint [rad]."""
         step = TURN / span / OVERSAMPLING
         return self.cycles - step, self.cycles + step
 
     def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
-        """Amplitude, phase and cycles of a single line; of several their RMS together, and each of them [mrad]."""
         if self.further:
-            rms, std = self._rms(estimate)
+            # Over whole cycles √(Σ (a² + b²) / 2); in the data, lines that run into each other cancel in part.
+            whole = math.sqrt(sum(a**2 for a, _ in self._amplitudes(estimate)) / 2), math.nan
+            rms, std = estimate.rms or whole
             together = Size("size", f"{shown(rms, 'angle', std)} RMS", f", {len(self.lines)} lines together")
             return together, Size("lines", "; ".join(self._line_texts(estimate)), _LINE_UNITS)
         value, std = estimate.entry("cycles")
         cycles = plus_minus(value, std) if math.isfinite(std) else cycles_text(value)
         return (*super().sizes(estimate), Size("cycles per revolution", cycles))
-
-    def _rms(self, estimate: FittedSizes) -> tuple[float, float]:
-        """Root mean square in the data with its standard error [rad]; over whole cycles where the data are not known.
-
-        Over whole cycles ``√(Σ (a² + b²) / 2)``; lines that run into each other cancel in part.
-        """
-        if estimate.rms is not None:
-            return estimate.rms
-        return math.sqrt(sum(a**2 for a, _ in self._amplitudes(estimate)) / 2), math.nan
 
     def _amplitudes(self, estimate: FittedSizes) -> list[tuple[float, float]]:
         """Amplitude of each line with its standard error [rad]."""
@@ -295,7 +248,6 @@ class CyclicError(Harmonic):
         return found
 
     def _line_texts(self, estimate: FittedSizes) -> list[str]:
-        """Amplitude and cycles of each line or band, and which multiple of the largest it is where that is sure."""
         sizes = self._amplitudes(estimate)
         bands = self.bands(estimate)
         slow = [(i,) for i in range(len(self.lines)) if not any(i in band for band in bands)]
@@ -316,14 +268,11 @@ class CyclicError(Harmonic):
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:
         """None: there are thousands, and a diagnosis scans the grid itself."""
-        return []  # thousands: the diagnosis scans the grid by itself
+        return []
 
     @classmethod
     def grid(cls, span: float) -> np.ndarray:
-        """Cycles per revolution (k,) to search where the joint ranges over ``span`` [rad].
-
-        The step is ``2π / span / OVERSAMPLING``; half a period must fit the range.
-        """
+        """Cycles per revolution (k,) to search over a ``span`` [rad], in steps of ``2π / span / OVERSAMPLING``."""
         step = TURN / max(span, 1e-3) / OVERSAMPLING
         # Half a period must fit the range of the joint: what is longer is no cycle but a curve.
         first = max(MIN_CYCLES, math.pi / max(span, 1e-3))
@@ -331,13 +280,13 @@ class CyclicError(Harmonic):
 
     @classmethod
     def resolved(cls, q: Array) -> Array:
-        """Cycles per revolution (k,) that the values q (N,) [rad] of a joint resolve.
-
-        None by few values, on a lattice the lower half: values spaced by δ cannot separate k from ``2π/δ − k``, and the
-        spectral window ``|Σ exp(i k q)| / N`` is one at 2π/δ.
-        """
-        values = np.unique(np.round(q / _SAME_VALUE_RAD))
-        if len(values) < _MIN_JOINT_VALUES:
+        """Cycles per revolution (k,) that the values q (N,) [rad] of a joint resolve. None by few values, on a lattice
+        the lower half: values spaced by δ cannot separate k from ``2π/δ − k``, and the spectral window ``|Σ exp(i k q)|
+        / N`` is one at 2π/δ."""
+        # Joint values nearer to each other than this [rad] are one: a twentieth of the shortest period.
+        values = np.unique(np.round(q / 1e-3))
+        # Different values of a joint; fewer are met by some line of thousands whatever the errors are.
+        if len(values) < 10:
             return np.zeros(0)
         cycles = cls.grid(float(np.ptp(q)))
         return np.asarray(cycles[cycles <= _alias_period(q) / 2])
@@ -349,24 +298,17 @@ class CyclicError(Harmonic):
 
 
 def _alias_period(q: Array) -> float:
-    """The least distance of two lines that the values q (N,) [rad] cannot separate [cycles per revolution]; inf for
-    none.
-    """
-    q = q[:: -(-len(q) // _WINDOW_VALUES)]
+    """The least distance of two lines that the values q (N,) [rad] cannot separate [cycles per revolution], or inf."""
+    q = q[:: -(-len(q) // 500)]  # joint values that the spectral window is taken of; chosen for time
     cycles = CyclicError.grid(float(np.ptp(q)))
     far = np.concatenate([cycles, cycles + MAX_CYCLES])
     far = far[far * np.ptp(q) > 4 * math.pi]  # nearer, the window has its own main lobe
     window = np.abs(np.exp(1j * np.outer(far, q)).mean(axis=1))
-    aliased = far[window > _ALIAS_WINDOW]
+    # Value of the spectral window from which two lines have columns that are alike in all but rounding.
+    aliased = far[window > 0.9]
     return float(aliased[0]) if len(aliased) else math.inf
 
 
 def _together(amplitudes: Sequence[float], band: Sequence[int]) -> float:
-    """The amplitude that some lines have together, √Σ A²: that of a single one of the same RMS."""
+    """The amplitude of a single line of the same RMS, √Σ A²."""
     return math.sqrt(sum(amplitudes[i] ** 2 for i in band))
-
-
-def _first_listed(cycles: Sequence[float]) -> str:
-    """The first of many lines: "3.57, 13.4, 27.3 …"."""
-    texts = [cycles_text(k) for k in cycles[:_MAX_LISTED_LINES]]
-    return ", ".join(texts) + " …" if len(cycles) > len(texts) else enumerated(texts)

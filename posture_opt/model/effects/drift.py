@@ -10,15 +10,20 @@ from pydantic import Field
 
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar, exp
-from posture_opt.model.effects.base.catalogue_entry import Input
-from posture_opt.model.effects.base.cause import Abscissa, FittedSizes, Size, over_time
-from posture_opt.model.effects.base.effect import Effect, Excitation, Sensitivity
-from posture_opt.model.effects.base.frame_motion import ANGLES, WORLD_AXES, foot, frame_motion
+from posture_opt.model.effects.base.cause import Abscissa, FittedSizes, Input, Size, over_time
+from posture_opt.model.effects.base.effect import (
+    ANGLES,
+    WORLD_AXES,
+    Effect,
+    Excitation,
+    Sensitivity,
+    foot,
+    frame_motion,
+)
 from posture_opt.units import Time, plus_minus, shown
 
-_SETTLING_TIME_CONSTANTS = 3.0  # time constants after which 5 % are left
+# Time constants that are tried, of the duration; slower than half of it an exponential is a line
 _CONSTANT_SHARES = (0.03, 0.06, 0.12, 0.25, 0.5)
-"""Time constants that are tried, of the duration; slower than half of it an exponential is a line."""
 
 
 class Drift(Effect):
@@ -77,12 +82,10 @@ class Drift(Effect):
     @property
     def less_likely(self) -> bool:
         """A drift that is settling: where geometry hides which place is right, all folds are to choose one course. And
-        one of a base, which shifts as the point does where it does not turn.
-        """
+        one of a base, which shifts as the point does where it does not turn."""
         return self.course == "settling" or self.of == "base"
 
     def worded(self, estimate: FittedSizes) -> str:
-        """The cause in one clause, with when a drift that ends has done so."""
         if self.course == "linear":
             return self.words
         what = (
@@ -127,7 +130,6 @@ class Drift(Effect):
 
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:
-        """A linear drift and those that end on the grid of time constants, where times are known."""
         if not cls.needs <= case.inputs or case.duration <= 0:
             return []
         courses = ("exponential",) if case.robot.base_free else ("exponential", "settling")
@@ -139,17 +141,14 @@ class Drift(Effect):
 
 
 def _settling(estimate: FittedSizes) -> str:
-    """The time, or the rows, after which 5 % of a drift are left."""
-    value, error = (_SETTLING_TIME_CONSTANTS * part for part in estimate.entry("constant"))
+    value, error = (3.0 * part for part in estimate.entry("constant"))  # time constants after which 5 % are left
     return shown(value, "time", error) if estimate.timed else plus_minus(value, error, 1.0, "rows")
 
 
 def _seconds_text(value: float) -> Scalar:
-    """A time as the text that the field reads, to the last digit."""
     return f"{value!r} s"
 
 
 def _vector_length(parts: list[tuple[float, float]]) -> tuple[float, float]:
-    """Length of a vector and its standard error, from components (value, standard error) taken as independent."""
     size = math.hypot(*(value for value, _ in parts))
     return size, math.hypot(*(value * std for value, std in parts)) / size if size else math.nan

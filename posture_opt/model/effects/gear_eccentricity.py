@@ -23,7 +23,7 @@ class GearEccentricity(Harmonic):
     )
     rivals: ClassVar[Mapping[str, str]] = {
         "gear_second_harmonic": "drive {target} through a whole revolution, as far as stops, cables and cell permit: "
-        "on part of it, one cycle looks like two",
+        "on part of it, one cycle looks like two"
     }
     slow: ClassVar[bool] = True
 

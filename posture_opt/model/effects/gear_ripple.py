@@ -8,7 +8,7 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
-from posture_opt.model.effects.base.catalogue_entry import Input
+from posture_opt.model.effects.base.cause import Input
 from posture_opt.model.effects.base.effect import Effect, Excitation
 from posture_opt.model.effects.base.joint_effect import Harmonic
 from posture_opt.model.effects.base.multiples import cycles_text
@@ -24,7 +24,7 @@ class GearRipple(Harmonic):
         "input side of the gear of {target}: wave generator or pinion, motor shaft and motor encoder"
     )
     rivals: ClassVar[Mapping[str, str]] = {
-        "quantisation": "log the joint values that the controller reached, and state 'gear_ratio'",
+        "quantisation": "log the joint values that the controller reached, and state 'gear_ratio'"
     }
     needs: ClassVar[frozenset[Input]] = frozenset({"gear_ratio"})
 
@@ -39,17 +39,14 @@ class GearRipple(Harmonic):
 
     @property
     def spectral_lines(self) -> tuple[float, ...]:
-        """Its one line."""
         return (self.frequency,)
 
     @property
     def qualifier(self) -> str:
-        """Its cycles per revolution."""
         return f"{cycles_text(self.frequency)} cycles per revolution"
 
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:
-        """The first two harmonics of every moving joint with a stated gear ratio above 2."""
         ratios = {j.name: abs(j.gear_ratio) for j in case.robot.joints if math.isfinite(j.gear_ratio)}
         moving = [name for name in case.moving("revolute") if ratios.get(name, 0.0) > 2]
         return [cls(joint=name, ratio=ratios[name], harmonic=n) for name in moving for n in (1, 2)]

@@ -13,11 +13,11 @@ from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar, exp
 from posture_opt.model.effects.base.cause import Abscissa, FittedSizes, Size
 from posture_opt.model.effects.base.effect import Effect, Excitation
-from posture_opt.model.effects.base.lost_motion import LostMotion
+from posture_opt.model.effects.base.joint_effect import LostMotion
 from posture_opt.units import Angle, plus_minus
 
+# Travels d0 [rad] that are tried: from 1 to 90 degrees, by factors of about two
 _TRAVEL_GRID_RAD = (0.02, 0.05, 0.1, 0.2, 0.4, 0.8, 1.5)
-"""Travels d0 [rad] that are tried: from 1 to 90 degrees, by factors of about two."""
 
 
 class Hysteresis(LostMotion):
@@ -54,7 +54,6 @@ class Hysteresis(LostMotion):
 
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:
-        """Every moving revolute joint with each travel of the grid, where sides of approach are known."""
         if not cls.needs <= case.inputs:
             return []
         return [cls(joint=name, travel=f"{d} rad") for name in case.moving("revolute") for d in _TRAVEL_GRID_RAD]

@@ -8,12 +8,12 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from posture_opt.model.arm_state import ArmState
-from posture_opt.model.chain import ZERO, Scalar, subtract
+from posture_opt.model.chain import ZERO, scale, subtract
 from posture_opt.model.effects.base.cause import FittedSizes, Size
-from posture_opt.model.effects.base.effect import Effect, Excitation, Sensitivity, SoleEffect
+from posture_opt.model.effects.base.effect import WORLD_AXES, Effect, Excitation, Sensitivity, SoleEffect, foot
 
+# The six products of two coordinates that a quadratic function has
 _COORDINATE_PAIRS = ("xx", "xy", "xz", "yy", "yz", "zz")
-"""The six products of two coordinates that a quadratic function has."""
 
 
 class InstrumentField(SoleEffect):
@@ -42,22 +42,10 @@ class InstrumentField(SoleEffect):
 
     def sensitivities(self, state: ArmState) -> tuple[Sensitivity, ...]:
         """A shift (3,) along one world axis by one product of coordinates [m²], origin at the foot of the first
-        joint.
-        """
-        p = subtract(state.tool, state.walk.screws[len(state.robot.base)].origin)
+        joint."""
+        p = subtract(state.tool, foot(state))
         products = [p["xyz".index(pair[0])] * p["xyz".index(pair[1])] for pair in _COORDINATE_PAIRS]
-        found = []
-        for axis in range(3):
-            for product in products:
-                vector: list[Scalar] = [0.0, 0.0, 0.0]
-                vector[axis] = product
-                found.append(Sensitivity(twist=((vector[0], vector[1], vector[2]), ZERO)))
-        return tuple(found)
-
-    @property
-    def omitted(self) -> str:
-        """Why no task is planned with it."""
-        return "left out: it belongs to the instrument and not to the arm"
+        return tuple(Sensitivity(twist=(scale(one, axis), ZERO)) for axis in WORLD_AXES for one in products)
 
     def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
         """How many coefficients there are: none of them alone is a size."""

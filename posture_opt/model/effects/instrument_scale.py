@@ -7,7 +7,7 @@ from typing import ClassVar, Literal
 
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import ZERO
-from posture_opt.model.effects.base.catalogue_entry import Evidence, Limit
+from posture_opt.model.effects.base.cause import Evidence, Limit
 from posture_opt.model.effects.base.effect import Effect, Excitation, Sensitivity, SoleEffect
 
 
@@ -30,11 +30,6 @@ class InstrumentScale(SoleEffect):
     def sensitivities(self, state: ArmState) -> tuple[Sensitivity, ...]:
         """A shift (3,) by the tool point itself [m]: distances grow from the world's origin."""
         return (Sensitivity(twist=(state.tool, ZERO)),)
-
-    @property
-    def omitted(self) -> str:
-        """Why no task is planned with it."""
-        return "left out: it belongs to the instrument and not to the arm"
 
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:

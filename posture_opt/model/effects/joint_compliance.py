@@ -9,10 +9,8 @@ from posture_opt.model.arm_state import MIN_LEANING_SINE, ArmState
 from posture_opt.model.chain import Scalar
 from posture_opt.model.effects.base.cause import Abscissa
 from posture_opt.model.effects.base.effect import NOT_NEGATIVE, Effect, Excitation
-from posture_opt.model.effects.base.gear_stiffness import LARGEST_TURN, SOURCE, least_stiffness
-from posture_opt.model.effects.base.gravity_load import GravityLoaded
-from posture_opt.model.effects.base.joint_effect import JointEffect
-from posture_opt.model.effects.base.plausible_range import PlausibleRange
+from posture_opt.model.effects.base.joint_effect import GravityLoaded, JointEffect
+from posture_opt.model.effects.base.plausible_range import LARGEST_TURN, SOURCE, PlausibleRange, least_stiffness
 from posture_opt.robot.robot import Robot
 from posture_opt.units import number
 
@@ -52,9 +50,8 @@ class JointCompliance(GravityLoaded, JointEffect):
 
     @property
     def limits(self) -> tuple[float, float]:  # type: ignore[override] # of this very instance
-        """Not below zero; unbounded for unknown loads, as a counterweight or a compensation by the controller is one
-        of them.
-        """
+        """Not below zero; unbounded for unknown loads, as a counterweight or a compensation by the controller is one of
+        them."""
         return NOT_NEGATIVE if self.loads == "masses" else Effect.limits
 
     @property
@@ -69,7 +66,6 @@ class JointCompliance(GravityLoaded, JointEffect):
         return super().inspect(robot)
 
     def acts(self, state: ArmState) -> bool:
-        """Whether the axis of the joint leans against the vertical in some posture."""
         return state.leaning(self.index(state)) > MIN_LEANING_SINE
 
     def features(self, state: ArmState, joint: int) -> tuple[Scalar, ...]:
@@ -80,8 +76,7 @@ class JointCompliance(GravityLoaded, JointEffect):
 
     def plausible(self, robot: Robot) -> PlausibleRange | None:
         """Down to `least_stiffness` of the joint, by the class of gear that carries its load; of unknown loads the turn
-        by which such a gear twists at most.
-        """
+        by which such a gear twists at most."""
         softest = least_stiffness(robot, robot.joint_names.index(self.joint))
         if self.unstated_loads:
             needs = "a joint that turns by more than its gear twists under the largest load that it is made for"
@@ -100,7 +95,6 @@ class JointCompliance(GravityLoaded, JointEffect):
 
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:
-        """Every moving revolute joint, where the masses of the links are known."""
         if "masses" in case.inputs:
             return [cls(joint=name) for name in case.moving("revolute")]
         return []

@@ -18,14 +18,6 @@ from posture_opt.numerics import TURN
 from posture_opt.robot.robot import Robot
 from posture_opt.units import plus_minus
 
-_CARRYING_RATIO = 0.5
-"""Ratio from which a joint is carried along as a whole: no slack or bearing does that, but a gear or a controller
-does.
-"""
-
-_WRIST_JOINTS = 3
-"""Joints of a wrist, whose motors may sit behind all of them."""
-
 
 class JointCoupling(JointEffect):
     """``dq_B = c q_A``: joint B (``joint``) follows joint A (``follows``) with the ratio c [rad/rad].
@@ -63,7 +55,6 @@ class JointCoupling(JointEffect):
 
     @property
     def words(self) -> str:
-        """The cause in one clause."""
         if self.into == "slide":
             return f"{self.joint} slides as {self.follows} turns (coupling into a slide)"
         return f"{self.joint} is coupled to {self.follows}"
@@ -76,7 +67,6 @@ class JointCoupling(JointEffect):
         return Size(known.label, known.text, f" ({plus_minus(value, std, 1e3 * TURN, 'mm')} per revolution)")
 
     def inspect(self, robot: Robot) -> str:
-        """What couples the two joints."""
         if self.into == "slide":
             return (
                 f"ball-screw spline of {self.joint}: nuts and belts of screw and spline; in the controller, how the "
@@ -90,22 +80,23 @@ class JointCoupling(JointEffect):
 
     def plausible(self, robot: Robot) -> PlausibleRange | None:
         """Any ratio between neighbours and within the wrist, the last three joints, whose shafts run in each other.
-
-        None elsewhere.
-        """
+        None elsewhere."""
         names = robot.joint_names
         ends = sorted((names.index(self.joint), names.index(self.follows)))
-        if ends[1] - ends[0] == 1 or ends[0] >= robot.n - _WRIST_JOINTS:
+        # Joints of a wrist, whose motors may sit behind all of them.
+        if ends[1] - ends[0] == 1 or ends[0] >= robot.n - 3:
             return None
         between = " and ".join(names[ends[0] + 1 : ends[1]])
         needs = f"a shaft, belt or cable from {self.follows} to {self.joint} that passes {between}"
         return PlausibleRange(0.0, 0.0, "ratio", needs, "Craig, Introduction to Robotics, section 3.7")
 
     def carried(self, robot: Robot, q: Sequence[Scalar]) -> Mapping[int, Scalar]:
-        """``c q_A`` [rad] of a ratio above `_CARRYING_RATIO`; nothing below, where loads hardly change."""
+        """``c q_A`` [rad] of a ratio above 0.5; nothing below, where loads hardly change."""
         ratio = self.values[0] if self.into == "joint" else 0.0
         names = robot.joint_names
-        return {names.index(self.joint): ratio * q[names.index(self.follows)]} if abs(ratio) > _CARRYING_RATIO else {}
+        # Ratio from which a joint is carried along as a whole: no slack or bearing does that, but a gear or a
+        # controller does.
+        return {names.index(self.joint): ratio * q[names.index(self.follows)]} if abs(ratio) > 0.5 else {}
 
     def abscissa(self, state: ArmState, timed: bool = True) -> Abscissa:
         """The value of the joint that it follows [deg]."""
@@ -113,17 +104,12 @@ class JointCoupling(JointEffect):
 
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:
-        """All ordered pairs of moving revolute joints, and of each with each moving slide that may follow it."""
         names = case.moving("revolute")
         slides = [cls(joint=b, follows=a, into="slide") for a in names for b in case.moving("prismatic")]
         return [*(cls(joint=b, follows=a) for a in names for b in names if a != b), *slides]
 
     def check_robot(self, robot: Robot) -> None:
-        """Refuse joints that the robot lacks.
-
-        Raises:
-            BadValueError: one of the two is no joint, or the following one does not turn.
-        """
+        """Refuse joints that the robot lacks."""
         if self.follows not in robot.joint_names:
             raise BadValueError(
                 f"the robot has no joint '{self.follows}'", f"its joints: {', '.join(robot.joint_names)}"

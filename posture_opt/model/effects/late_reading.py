@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import ClassVar, Literal
 
 from posture_opt.model.arm_state import ArmState
-from posture_opt.model.effects.base.catalogue_entry import Input
+from posture_opt.model.effects.base.cause import Input
 from posture_opt.model.effects.base.effect import Sensitivity, SoleEffect
 
 

@@ -10,15 +10,12 @@ from posture_opt.errors import BadValueError
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Vector, add, cross, dot, scale, subtract
 from posture_opt.model.effects.base.effect import Effect, Excitation, Sensitivity
-from posture_opt.model.effects.base.gear_stiffness import LARGEST_TURN, SOURCE, least_stiffness
-from posture_opt.model.effects.base.gravity_load import GravityLoaded
-from posture_opt.model.effects.base.joint_effect import EffectOfJoint
-from posture_opt.model.effects.base.plausible_range import PlausibleRange
+from posture_opt.model.effects.base.joint_effect import EffectOfJoint, GravityLoaded
+from posture_opt.model.effects.base.plausible_range import LARGEST_TURN, SOURCE, PlausibleRange, least_stiffness
 from posture_opt.robot.robot import Robot
 from posture_opt.units import number
 
-_MIN_LINK_LENGTH_M = 0.02
-"""A link shorter than this has nothing to bend."""
+_MIN_LINK_LENGTH_M = 0.02  # A link shorter than this has nothing to bend
 
 
 class LinkBending(GravityLoaded, EffectOfJoint):
@@ -39,7 +36,6 @@ class LinkBending(GravityLoaded, EffectOfJoint):
     kind: Literal["link_bending"] = "link_bending"
 
     def inspect(self, robot: Robot) -> str:
-        """What to look at on the arm, in one line."""
         return self.inspection.format(link=robot.link_words(self.target))
 
     def sensitivities(self, state: ArmState) -> tuple[Sensitivity, ...]:
@@ -67,7 +63,6 @@ class LinkBending(GravityLoaded, EffectOfJoint):
 
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:
-        """Every link but the last that is longer than `_MIN_LINK_LENGTH_M`, where the masses are known."""
         return [cls(joint=name) for name in _long_links(case.robot)] if "masses" in case.inputs else []
 
     @classmethod
@@ -78,28 +73,22 @@ class LinkBending(GravityLoaded, EffectOfJoint):
             yield cls(joint=name, loads="points"), cls.frames_of_load(case, names.index(name) + 1)
 
     def check_robot(self, robot: Robot) -> None:
-        """Refuse a joint that the robot lacks, or the last one.
-
-        Raises:
-            BadValueError: no such joint, or no joint behind it, so that the end of its link is not known.
-        """
+        """Refuse a joint that the robot lacks, or the last one."""
         if robot.joint_names and self.joint == robot.joint_names[-1]:
             raise BadValueError(f"no joint follows {self.joint}, so the end of its link is not known")
         super().check_robot(robot)
 
 
 def _long_links(robot: Robot) -> list[str]:
-    """The joints whose link has a length, but for the last."""
     state = ArmState(robot, [0.0] * robot.n)
-    return [name for i, name in enumerate(robot.joint_names[:-1]) if _link_length(state, i) > _MIN_LINK_LENGTH_M]
+    ends = [_link_ends(state, i) for i in range(robot.n - 1)]
+    return [
+        name
+        for name, (start, end) in zip(robot.joint_names, ends, strict=False)
+        if math.hypot(*subtract(end, start)) > _MIN_LINK_LENGTH_M
+    ]
 
 
 def _link_ends(state: ArmState, joint: int) -> tuple[Vector, Vector]:
     """Where the link behind a joint begins and ends (3,), (3,) [m], world: on its axis and on the next one."""
     return state.axis(joint)[1], state.axis(joint + 1)[1]
-
-
-def _link_length(state: ArmState, joint: int) -> float:
-    """Distance [m] of the two points on the axes."""
-    start, end = _link_ends(state, joint)
-    return math.hypot(*subtract(end, start))

@@ -9,9 +9,8 @@ import numpy as np
 
 from posture_opt.model.arm_state import MIN_LEANING_SINE, ArmState
 from posture_opt.model.chain import Scalar, magnitude
-from posture_opt.model.effects.base.catalogue_entry import Input
-from posture_opt.model.effects.base.cause import Abscissa
-from posture_opt.model.effects.base.lost_motion import LostMotion
+from posture_opt.model.effects.base.cause import Abscissa, Input
+from posture_opt.model.effects.base.joint_effect import LostMotion
 
 
 class LoadBacklash(LostMotion):
@@ -22,7 +21,7 @@ class LoadBacklash(LostMotion):
     measurement: ClassVar[str] = "approach each posture from both sides under two payloads"
     inspection: ClassVar[str] = "bearing preload, gear mesh and clamp screws of {target} under load; its counterbalance"
     rivals: ClassVar[Mapping[str, str]] = {
-        "hysteresis": "approach from both sides, after short and long moves, under two payloads",
+        "hysteresis": "approach from both sides, after short and long moves, under two payloads"
     }
     parameters: ClassVar[tuple[tuple[str, str], ...]] = (("height", "angle per torque"),)
     needs: ClassVar[frozenset[Input]] = frozenset({"approach", "masses"})
@@ -30,7 +29,6 @@ class LoadBacklash(LostMotion):
     kind: Literal["load_backlash"] = "load_backlash"
 
     def acts(self, state: ArmState) -> bool:
-        """Whether the axis of the joint leans against the vertical in some posture."""
         return state.leaning(self.index(state)) > MIN_LEANING_SINE
 
     def features(self, state: ArmState, joint: int) -> tuple[Scalar, ...]:

@@ -17,10 +17,8 @@ from posture_opt.model.effects.base.joint_effect import JointEffect
 from posture_opt.numerics import TURN
 from posture_opt.units import Angle, plus_minus, shown
 
-_ENCODER_BITS = range(9, 17)
-"""Encoders that are tried: steps of a revolution over 2^bits."""
-_DISPLAY_STEPS_DEG = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5)
-"""Steps [deg] of rounded joint values that are tried."""
+_ENCODER_BITS = range(9, 17)  # Encoders that are tried: steps of a revolution over 2^bits
+_DISPLAY_STEPS_DEG = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5)  # Steps [deg] of rounded joint values that are tried
 
 
 class Quantisation(JointEffect):
@@ -52,7 +50,6 @@ class Quantisation(JointEffect):
         return ""
 
     def abscissa(self, state: ArmState, timed: bool = True) -> Abscissa:
-        """The fraction of a step that the commanded value is at, 0 to 1."""
         return Abscissa.of(state, np.mod(np.asarray(state.q[self.index(state)]) / self.lsb, 1.0), "fraction of a step")
 
     def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
@@ -62,6 +59,5 @@ class Quantisation(JointEffect):
 
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:
-        """Every moving revolute joint with the steps of encoders and of rounded degrees."""
         sizes = [TURN / 2**bits for bits in _ENCODER_BITS] + [math.radians(d) for d in _DISPLAY_STEPS_DEG]
         return [cls(joint=name, lsb=f"{lsb!r} rad") for name in case.moving("revolute") for lsb in sizes]

@@ -11,45 +11,39 @@ from pydantic import Field
 
 from posture_opt.errors import BadValueError
 from posture_opt.model.arm_state import ArmState
-from posture_opt.model.chain import Scalar, Vector, at_least
-from posture_opt.model.effects.base.catalogue_entry import Input
-from posture_opt.model.effects.base.cause import Abscissa, FittedSizes, Size, over_time
-from posture_opt.model.effects.base.effect import Effect, Excitation, Sensitivity
-from posture_opt.model.effects.base.frame_motion import ANGLES, WORLD_AXES, foot, frame_motion
+from posture_opt.model.chain import Scalar, at_least
+from posture_opt.model.effects.base.cause import Abscissa, FittedSizes, Input, Size, over_time
+from posture_opt.model.effects.base.effect import (
+    ANGLES,
+    WORLD_AXES,
+    Effect,
+    Excitation,
+    Sensitivity,
+    foot,
+    frame_motion,
+)
 from posture_opt.numerics import Array, Mask
 from posture_opt.robot.robot import Robot
 from posture_opt.units import Time, number, shown
 
 _Way = Literal["shift", "slide", "settle"]
-SLIP_MOMENTS = 50
-"""Moments at which a slip is looked for, before those between two of them."""
-_MIN_ROWS_EACH_SIDE = 10
-"""Rows before a slip and as many behind it: a few rows that are off are outliers, or where the arm was."""
-_MIN_ROWS_DIVISOR = 4
-"""One part in so many of the rows is enough where they are few."""
+SLIP_MOMENTS = 50  # Moments at which a slip is looked for, before those between two of them
 _BASE, _TOOL = "base", "tool"
+# Way of a slip of a frame -> its parameters: shifted in space, slid and turned on the floor, or shifted and tilted
 _FRAME_PARAMETERS: dict[_Way, tuple[str, ...]] = {
     "shift": ("x", "y", "z"),
     "slide": ("x", "y", "yaw"),
     "settle": ("x", "y", "z", "roll", "pitch", "yaw"),
 }
-"""Way of a slip of a frame -> its parameters: shifted in space, slid and turned on the floor, or shifted and
-tilted.
-"""
+# What to look at where no joint slipped
 _INSPECTIONS = {
     _BASE: "mounting bolts of the base; whether it, or the stand of the instrument, was knocked",
     _TOOL: "clamping of tool and reflector; whether one of them was knocked",
 }
-"""What to look at where no joint slipped."""
 _FRAME_WORDS = {
     _BASE: "the base slipped during the measurements",
     _TOOL: "the tool or its reflector was knocked out of place during the measurements",
 }
-_OMITTED = {
-    _BASE: "delivered with the base as it stood on average; set it up again and measure anew",
-    _TOOL: "delivered with the tool as it was on average; fasten the tool, its TCP and reflector, and measure anew",
-}
-_OMITTED_JOINT = "delivered with the joint as it stood on average; undo the slip, and measure anew"
 
 
 class Slip(Effect):
@@ -111,17 +105,10 @@ class Slip(Effect):
 
     @property
     def words(self) -> str:
-        """The cause in one clause."""
         return _FRAME_WORDS.get(self.of, "") or super().words
 
     def inspect(self, robot: Robot) -> str:
-        """What may have slipped."""
         return _INSPECTIONS.get(self.of, self.inspection).format(target=self.of)
-
-    @property
-    def omitted(self) -> str:
-        """Why no task is planned with it, and what to do."""
-        return f"left out: {_OMITTED.get(self.of, _OMITTED_JOINT)}"
 
     @property
     def smooth_shape(self) -> str:
@@ -149,28 +136,23 @@ class Slip(Effect):
         return (*length, *super().sizes(estimate), timed if estimate.timed else row)
 
     def headline(self, estimate: FittedSizes) -> str:
-        """Of the base a shift and a turn, which mean something together only."""
         return "" if self.of == _BASE else super().headline(estimate)
 
     def sensitivities(self, state: ArmState) -> tuple[Sensitivity, ...]:
-        """A unit step of the joint from ``moment`` on; of the base a shift or a turn about its foot for each
-        parameter, of the tool about the flange.
-        """
+        """A unit step of the joint from ``moment`` on; of the base a shift or a turn about its foot for each parameter,
+        of the tool about the flange."""
         after = at_least(state.inputs.time, self.moment)
         if not self._of_frame:
             return (Sensitivity({state.robot.joint_names.index(self.of): after}),)
-        about = state.frames[-1].origin if self.of == _TOOL else foot(state)
-        return frame_motion(state, _FRAME_PARAMETERS[self.way], self._axes(state), about, after)
-
-    def _axes(self, state: ArmState) -> tuple[Vector, ...]:
-        """The axes (3,) of its shifts and turns, world: the world's own of the base, those of the tool of the tool."""
-        return state.walk.columns if self.of == _TOOL else WORLD_AXES
+        axes, about = WORLD_AXES, foot(state)
+        if self.of == _TOOL:
+            axes, about = state.walk.columns, state.frames[-1].position
+        return frame_motion(state, _FRAME_PARAMETERS[self.way], axes, about, after)
 
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:
         """Every moving revolute joint, the base in each way, and the tool, at each of `SLIP_MOMENTS` that rows cover on
-        both sides. Whether the tool turned is asked where data can show it.
-        """
+        both sides. Whether the tool turned is asked where data can show it."""
         if not cls.needs <= case.inputs or case.duration <= 0:
             return []
         moments = case.duration * (np.arange(SLIP_MOMENTS) + 0.5) / SLIP_MOMENTS
@@ -182,11 +164,7 @@ class Slip(Effect):
         return [one.model_copy(update={"moment": t}) for one in (*joints, *bases, *tools) for t in moments.tolist()]
 
     def check_robot(self, robot: Robot) -> None:
-        """Refuse a target that the robot lacks.
-
-        Raises:
-            BadValueError: neither ``base`` nor ``tool`` nor a joint.
-        """
+        """Refuse a target that the robot lacks."""
         if self.of not in (*_FRAME_WORDS, *robot.joint_names):
             raise BadValueError(f"the robot has no joint '{self.of}'", "write base, tool or one of its joints")
 
@@ -200,12 +178,11 @@ def _shift_length(estimate: FittedSizes) -> tuple[float, str, float]:
 
 def well_covered(moments: Array, times: Scalar) -> Mask:
     """Which moments (k,) [s] have enough rows of the ``times`` (N,) [s] on either side; all, where nothing is
-    measured.
-    """
+    measured."""
     rows = np.sort(np.asarray(times, dtype=float))
     if not len(rows):
         return np.ones(len(moments), dtype=bool)
     before = np.searchsorted(rows, moments, side="left")
-    return np.asarray(
-        np.minimum(before, len(rows) - before) >= min(_MIN_ROWS_EACH_SIDE, len(rows) // _MIN_ROWS_DIVISOR)
-    )
+    # Rows before a slip and as many behind it: a few rows that are off are outliers, or where the arm was.
+    # One part in so many of the rows is enough where they are few.
+    return np.asarray(np.minimum(before, len(rows) - before) >= min(10, len(rows) // 4))

@@ -9,13 +9,13 @@ from pydantic import Field
 
 from posture_opt.errors import BadValueError
 from posture_opt.model.arm_state import ArmState
-from posture_opt.model.effects.base.catalogue_entry import Input
+from posture_opt.model.effects.base.cause import Input
 from posture_opt.model.effects.base.effect import Effect, Excitation, Sensitivity
 from posture_opt.model.effects.base.plausible_range import PlausibleRange
 from posture_opt.robot.robot import Factor, Robot
 
+# Least and largest coefficient of expansion [1/K] of what arms are made of, with some room on either side
 _EXPANSIONS = (5e-6, 30e-6)
-"""Least and largest coefficient of expansion [1/K] of what arms are made of, with some room on either side."""
 
 
 class ThermalGrowth(Effect):
@@ -45,12 +45,10 @@ class ThermalGrowth(Effect):
 
     @property
     def words(self) -> str:
-        """The cause in one clause."""
         return self.phrase.format(target="the whole arm" if self.length == "all" else self.length)
 
     @property
     def place(self) -> str:
-        """What a label says of the target."""
         return "all lengths" if self.length == "all" else self.length
 
     def sensitivities(self, state: ArmState) -> tuple[Sensitivity, ...]:
@@ -71,21 +69,15 @@ class ThermalGrowth(Effect):
 
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:
-        """All lengths together and each alone, where temperatures are known."""
         return [cls(length=name) for name in ("all", *_link_lengths(case.robot))] if cls.needs <= case.inputs else []
 
     def check_robot(self, robot: Robot) -> None:
-        """Refuse a length that the robot lacks.
-
-        Raises:
-            BadValueError: neither ``all`` nor a named length of a link that is not zero.
-        """
+        """Refuse a length that the robot lacks."""
         known = ("all", *_link_lengths(robot))
         if self.length not in known:
             raise BadValueError(f"there is no length '{self.length}'", f"lengths: {', '.join(known)}")
 
 
 def _link_lengths(robot: Robot) -> dict[str, Factor]:
-    """Parameter -> factor of every fixed length of the links above 1 µm; base and tool are no links."""
     links = [f for link in robot.links for f in link]
     return {f.parameter: f for f in links if f.kind == "translate" and f.parameter and abs(f.nominal) > 1e-6}

@@ -7,14 +7,12 @@ from typing import ClassVar, Literal
 
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar
-from posture_opt.model.effects.base.catalogue_entry import Input
-from posture_opt.model.effects.base.cause import Abscissa
+from posture_opt.model.effects.base.cause import Abscissa, Input
 from posture_opt.model.effects.base.joint_effect import JointEffect
 from posture_opt.model.effects.base.plausible_range import PlausibleRange
 from posture_opt.robot.robot import Robot
 
-_LARGEST_RATE = 1e-4
-"""rad/K: four times the expansion of aluminium."""
+_LARGEST_RATE = 1e-4  # rad/K: four times the expansion of aluminium
 
 
 class ThermalOffset(JointEffect):
@@ -25,7 +23,7 @@ class ThermalOffset(JointEffect):
     measurement: ClassVar[str] = "log the temperature through a warm-up and a cool-down"
     inspection: ClassVar[str] = "what heats {target}: motor, brake and gear; how its encoder is fastened"
     rivals: ClassVar[Mapping[str, str]] = {
-        "drift": "log the temperature through a warm-up and a cool-down: time only grows",
+        "drift": "log the temperature through a warm-up and a cool-down: time only grows"
     }
     parameters: ClassVar[tuple[tuple[str, str], ...]] = (("rate", "angle per temperature"),)
     needs: ClassVar[frozenset[Input]] = frozenset({"temperature"})

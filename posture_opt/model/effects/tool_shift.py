@@ -7,11 +7,8 @@ from typing import ClassVar, Literal
 
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import ZERO, at_least, scale
-from posture_opt.model.effects.base.catalogue_entry import Input
+from posture_opt.model.effects.base.cause import Input
 from posture_opt.model.effects.base.effect import Sensitivity, SoleEffect
-
-_LEAST_LOAD = 1e-6
-"""kg: from here on a row carries a payload."""
 
 
 class ToolShift(SoleEffect):
@@ -33,5 +30,5 @@ class ToolShift(SoleEffect):
 
     def sensitivities(self, state: ArmState) -> tuple[Sensitivity, ...]:
         """A shift along each axis of the tool, on rows with a payload."""
-        loaded = at_least(state.inputs.payload, _LEAST_LOAD)
+        loaded = at_least(state.inputs.payload, 1e-6)  # kg: from here on a row carries a payload
         return tuple(Sensitivity(twist=(scale(loaded, axis), ZERO)) for axis in state.walk.columns)

@@ -12,8 +12,7 @@ import numpy as np
 
 from posture_opt.numerics import Array
 from posture_opt.report.page.colours import COLOUR_MAP, GREY, VERMILLION
-from posture_opt.report.page.new_figure import new_figure
-from posture_opt.report.page.style import legend_beside, styled
+from posture_opt.report.page.style import legend, new_axes, styled
 from posture_opt.selection.answer.placement import COORDINATES
 from posture_opt.statements.notation import length_unit
 
@@ -24,7 +23,6 @@ if TYPE_CHECKING:
     from posture_opt.selection.answer.solution import Solution
     from posture_opt.selection.stations.bench_map import BenchMap
 
-_MAX_NAMED_FEATURES = 6  # features whose names fit next to their points
 _EDGE_SHARE = 0.25  # of the width: nearer to the edge, a name is above or below its point
 _UNIT_FACTORS = (1e3, 1e3, 1e3, math.degrees(1.0))
 _COORDINATE_LABELS = ("x of the workpiece [mm]", "y of the workpiece [mm]", "z of the workpiece [mm]", "yaw [deg]")
@@ -32,21 +30,13 @@ _COORDINATE_LABELS = ("x of the workpiece [mm]", "y of the workpiece [mm]", "z o
 
 @styled
 def plot_bench(found: Solution) -> Figure:
-    """Spread over two coordinates of the placement; hatched: not every feature can be done there.
-
-    Colours are the standard deviation of the worst feature, or the mean of all [µm or mm]; further free coordinates
-    are held as in the answer, as the title says. The star is the placement of the answer. In a map over x and y the
-    features are drawn where they are then, the worst one ringed. A flat region about the star means that the placement
-    does not matter much.
-
-    Args:
-        found: with at least two free coordinates of its placement.
-    """
+    """Spread over two coordinates of the placement; hatched: not every feature can be done there. Colours are the
+    standard deviation of the worst feature, or the mean of all [µm or mm]; further free coordinates are held as in the
+    answer, as the title says. The star is the placement of the answer."""
     bench = found.bench
     assert bench is not None, "a map has two axes"
     assert found.placement is not None
-    figure = new_figure(5.2)
-    axes = figure.add_subplot()
+    figure, axes = new_axes(5.2)
     _draw_map(figure, axes, found, bench)
     level = bench.axes == (0, 1)
     if level:
@@ -63,7 +53,7 @@ def plot_bench(found: Solution) -> Figure:
             f"{COORDINATES[k]} {_UNIT_FACTORS[k] * found.w[k]:.1f} {'deg' if k == 3 else 'mm'}" for k in others
         )
         axes.set_title(f"at {held}, as in the answer")
-    legend_beside(figure)
+    legend(figure, beside=True)
     return figure
 
 
@@ -95,9 +85,15 @@ def _draw_map(figure: Figure, axes: Axes, found: Solution, bench: BenchMap) -> N
 
 def _draw_features(axes: Axes, found: Solution) -> None:
     """The features as points [mm], the worst one ringed; their names where there is room."""
+    from matplotlib.patches import Rectangle
+
     points = 1e3 * np.array([station.target.lower for station in found.stations])
-    if found.bench is not None and _beyond(points, found.bench):
-        _draw_range(axes, found.bench)
+    assert found.bench is not None
+    low, high = (np.array([1e3 * values[end] for values in found.bench.values]) for end in (0, -1))
+    if np.any(points[:, :2] < low) or np.any(points[:, :2] > high):
+        frame = Rectangle(tuple(low), *(high - low), fill=False, ec=GREY, lw=1.2)
+        frame.set(zorder=6, label="range of the workpiece's origin")
+        axes.add_patch(frame)
     axes.plot(points[:, 0], points[:, 1], "o", color="black", mec="white", ms=6, zorder=7, label="features")
     worst = points[found.worst_index]
     axes.plot(*worst[:2], "o", color="none", mec=VERMILLION, mew=2, ms=11, zorder=7, label="worst feature")
@@ -105,7 +101,8 @@ def _draw_features(axes: Axes, found: Solution) -> None:
     for pick, limits, k in ((axes.set_xlim, axes.get_xlim(), 0), (axes.set_ylim, axes.get_ylim(), 1)):
         margin = 0.04 * (limits[1] - limits[0])
         pick(min(limits[0], points[:, k].min() - margin), max(limits[1], points[:, k].max() + margin))
-    if len(points) <= _MAX_NAMED_FEATURES:
+    # More names do not fit next to their points.
+    if len(points) <= 6:
         middle = points[:, :2].mean(axis=0)
         for name, point in zip(found.names, points, strict=True):
             _name(axes, name, point[:2], point[:2] - middle)
@@ -123,19 +120,3 @@ def _name(axes: Axes, name: str, point: Array, outward: Array) -> None:
         ha="center" if at_edge else "left" if right else "right",
     )  # fmt: skip
     text.set_bbox({"facecolor": "white", "alpha": 0.7, "edgecolor": "none", "pad": 1})
-
-
-def _beyond(points: Array, bench: BenchMap) -> bool:
-    """Whether features (K, 3) [mm] lie outside of the mapped range of the origin."""
-    low, high = ([1e3 * values[end] for values in bench.values] for end in (0, -1))
-    return bool(np.any(points[:, :2] < low) or np.any(points[:, :2] > high))
-
-
-def _draw_range(axes: Axes, bench: BenchMap) -> None:
-    """The range of the origin as a frame, where features lie outside of it."""
-    from matplotlib.patches import Rectangle
-
-    (left, right), (low, high) = ([1e3 * values[0], 1e3 * values[-1]] for values in bench.values)
-    frame = Rectangle((left, low), right - left, high - low, fill=False, ec=GREY, lw=1.2)
-    frame.set(zorder=6, label="range of the workpiece's origin")
-    axes.add_patch(frame)

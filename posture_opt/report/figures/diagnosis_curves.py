@@ -20,8 +20,7 @@ from posture_opt.model.effects.cyclic_error import CyclicError
 from posture_opt.numerics import Array
 from posture_opt.report.figures.residual_trends import MEAN, draw_trend
 from posture_opt.report.page.colours import BLUE, GREEN, ORANGE, PURPLE, VERMILLION
-from posture_opt.report.page.new_figure import new_figure
-from posture_opt.report.page.style import legend_below, styled
+from posture_opt.report.page.style import legend, new_figure, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -32,22 +31,14 @@ if TYPE_CHECKING:
 
 
 _MAX_CURVES = 12  # panels
-_TITLE_WIDTH = 44  # letters
 _MAX_BINS = 24
-_MIN_SIDE_ROWS = 4
 _MIN_LEVER_SHARE = 0.1  # of the longest: nearer to its axis, a joint moves the tool point in no direction to speak of
 _SIDE_DOTS = {-1.0: ("<", ORANGE, "joint arrives decreasing"), 1.0: (">", PURPLE, "joint arrives increasing")}
 
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """What is drawn of one effect.
-
-    Args:
-        x: (n,) what it depends on; ``side`` (n,) the side of approach where there are two curves, else 1.
-        errors: (n,) what the rest of the model leaves of the errors, along the effect; ``modelled`` (n,) the effect.
-        xlabel: names of the axes with their units; ``ylabel`` likewise.
-    """
+    """What is drawn of one effect; ``x`` (n,), ``side`` (n,), ``errors`` (n,), ``modelled`` (n,)."""
 
     x: Array
     side: Array
@@ -59,12 +50,9 @@ class Curve:
 
 @styled
 def plot_curves(found: Diagnosis) -> Figure:
-    """Each modelled effect, and what the data say of it once everything else is taken off.
-
-    Dots are rows over what the effect depends on (joint angle, torque, temperature, …), the black line is their mean
-    with its 95 % band, the coloured one the effect as fitted. Where the band leaves the curve, the effect has another
-    form. Each line of a cyclic error is drawn over its own phase, with the other lines taken off.
-    """
+    """Each modelled effect, and what the data say of it once everything else is taken off. Dots are rows over what the
+    effect depends on (joint angle, torque, temperature, …), the black line is their mean with its 95 % band, the
+    coloured one the effect as fitted. Where the band leaves the curve, the effect has another form."""
     tangents = EffectSensitivities(found.model.residuals, found.model.x)
     shown = shown_curves(found)
     columns = min(len(shown), 2)
@@ -73,10 +61,15 @@ def plot_curves(found: Diagnosis) -> Figure:
     grid = figure.subplots(rows, columns, squeeze=False).ravel()
     for axes, (place, finding, line) in zip(grid, shown, strict=False):
         _panel(axes, curve_of(found, tangents, place, finding, line))
-        axes.set_title(fill(_title(finding, line), _TITLE_WIDTH))
+        lines, title = finding.cause.spectral_lines, finding.label
+        if lines and _is_slow(finding, line):
+            title = f"{finding.target}: slow error over its range"
+        elif lines:
+            title = f"{finding.target}: {cycles_text(lines[line])} cycles per revolution"
+        axes.set_title(fill(title, 44))
     for axes in grid[len(shown) :]:
         axes.set_visible(False)
-    legend_below(figure)
+    legend(figure)
     return figure
 
 
@@ -90,27 +83,12 @@ def shown_curves(found: Diagnosis) -> list[tuple[int, Finding, int]]:
     return [(i, f, line) for (i, f), n in zip(effects, lines, strict=True) for line in range(min(n, most))]
 
 
-def _title(finding: Finding, line: int) -> str:
-    """What a panel shows: of a cyclic error the joint and the cycles of its line, else kind and target."""
-    lines = finding.cause.spectral_lines
-    if not lines:
-        return finding.label
-    if _is_slow(finding, line):
-        return f"{finding.target}: slow error over its range"
-    return f"{finding.target}: {cycles_text(lines[line])} cycles per revolution"
-
-
 def _is_slow(finding: Finding, line: int) -> bool:
-    """Whether a line of a cyclic error has too few periods within the range of its joint to have a phase."""
     return isinstance(finding.cause, CyclicError) and line not in finding.cause.sharp(finding.sizes.span)
 
 
 def _panel(axes: Axes, curve: Curve) -> None:
-    """One effect; a curve for each side of approach where it has two.
-
-    Axes end at quantiles of the rows (0.2 % along x, 1 % along y), so that single rows do not flatten the curve. Rows
-    whose side is not known are left out.
-    """
+    """One effect; a curve for each side of approach where it has two."""
     sides = np.unique(curve.side[curve.side != 0]).tolist()  # where nobody knows the side, neither curve is meant
     for side in sides:
         mine = curve.side == side
@@ -131,14 +109,7 @@ def _panel(axes: Axes, curve: Curve) -> None:
 def curve_of(
     found: Diagnosis, sensitivities: EffectSensitivities, place: int, finding: Finding, line: int = 0
 ) -> Curve:
-    """The curve of one effect over its abscissa; of one that depends on several things, as modelled against as seen.
-
-    Args:
-        sensitivities: of all joints, at the fitted arm.
-        place: number of the effect in the model.
-        finding: the cause that it is.
-        line: of a cyclic error, whose other lines are taken off.
-    """
+    """The curve of one effect over its abscissa; of one that depends on several things, as modelled against as seen."""
     model, residuals = found.model, found.model.residuals
     shape = (len(residuals.data), residuals.block)
     several = len(model.effects[place].spectral_lines) > 1
@@ -157,18 +128,23 @@ def curve_of(
         return _joint_curve(sensitivities, moved.pop(), over, partial, modelled)
     axes = slice(0, len(residuals.axes))
     seen, said = (1e3 * residuals.sigma * v[:, axes] for v in (partial, modelled))
-    return _size_curve(seen, said) if over is None else _shift_curve(over, seen, said)
+    if over is not None:
+        # Effects that move the tool point alike in all rows, along the mean shift.
+        mean = said.mean(axis=0)
+        along = mean / max(float(np.linalg.norm(mean)), 1e-300)
+        return Curve(over.values, over.side, seen @ along, said @ along, over.label, "error along the shift [mm]")
+    # Errors along the modelled effect of each row, over its size; on the diagonal it is true.
+    size = np.linalg.norm(said, axis=1)
+    some = size > _MIN_LEVER_SHARE * size.max()
+    errors, one = np.sum(seen[some] * said[some], axis=1) / size[some], np.ones(int(some.sum()))
+    return Curve(size[some], one, errors, size[some], "modelled effect at the tool [mm]", "measured along it [mm]")
 
 
 def _joint_curve(
     sensitivities: EffectSensitivities, joint: int, over: Abscissa, partial: Array, modelled: Array
 ) -> Curve:
-    """Errors of a joint [mrad or µm], in the rows in which it moves the tool point: ``e·c / c·c`` with its column c.
-
-    Args:
-        joint: number of the joint; ``over`` what its error depends on.
-        partial: (N, b) whitened errors without the effect; ``modelled`` (N, b) the effect, whitened alike.
-    """
+    """Errors of a joint [mrad or µm], in the rows in which it moves the tool point: ``e·c / c·c`` with its column c;
+    ``partial`` (N, b), ``modelled`` (N, b)."""
     column = sensitivities.joints[joint]
     square = np.sum(column**2, axis=1)
     far = square > (_MIN_LEVER_SHARE**2) * square.max()
@@ -178,30 +154,11 @@ def _joint_curve(
     return Curve(over.values[far], over.side[far], errors, curve, over.label, f"error of the joint [{unit}]")
 
 
-def _shift_curve(over: Abscissa, seen: Array, said: Array) -> Curve:
-    """Errors (N, axes) along the mean shift [mm]: of effects that move the tool point alike in all rows."""
-    mean = said.mean(axis=0)
-    along = mean / max(float(np.linalg.norm(mean)), 1e-300)
-    return Curve(over.values, over.side, seen @ along, said @ along, over.label, "error along the shift [mm]")
-
-
-def _size_curve(seen: Array, said: Array) -> Curve:
-    """Errors (N, axes) along the modelled effect of each row, over its size [mm]; on the diagonal it is true."""
-    size = np.linalg.norm(said, axis=1)
-    some = size > _MIN_LEVER_SHARE * size.max()
-    errors = np.sum(seen[some] * said[some], axis=1) / size[some]
-    one = np.ones(len(errors))
-    return Curve(size[some], one, errors, size[some], "modelled effect at the tool [mm]", "measured along it [mm]")
-
-
 @styled
 def plot_left(found: Diagnosis) -> Figure:
-    """What the model with its effects leaves [mm], along the motion of each joint over its value, and over the rows.
-
-    A mean of neighbours that leaves zero beyond its band is structure that no named effect explains. Rows in which a
-    joint hardly moves the tool point are left out of its panel; joints that did not move have none. Where the side of
-    approach is what is left, rows of both sides have their own colour and mean.
-    """
+    """What the model with its effects leaves [mm], along the motion of each joint over its value, and over the rows. A
+    mean of neighbours that leaves zero beyond its band is structure that no named effect explains. Rows in which a
+    joint hardly moves the tool point are left out of its panel; joints that did not move have none."""
     residuals = found.model.residuals
     tangents = EffectSensitivities(residuals, found.model.x)
     e = -found.model.whitened.reshape(len(residuals.data), residuals.block)
@@ -218,7 +175,7 @@ def plot_left(found: Diagnosis) -> Figure:
         over = over_joint(tangents.state, joint)
         side = np.broadcast_to(np.asarray(tangents.state.inputs.side(joint)), len(e))[far]
         groups = {(".", GREEN, "rows"): np.ones(len(along), dtype=bool)}
-        if sided and np.all([np.count_nonzero(side == s) > _MIN_SIDE_ROWS for s in (-1, 1)]):
+        if sided and np.all([np.count_nonzero(side == s) > 4 for s in (-1, 1)]):
             groups = {_SIDE_DOTS[s]: side == s for s in (-1.0, 1.0)}
         for dots, own in groups.items():
             mean = MEAN if len(groups) == 1 else (dots[1], f"mean of neighbours, {dots[2]}")
@@ -236,12 +193,11 @@ def plot_left(found: Diagnosis) -> Figure:
     for spare in grid[len(moving) + 1 :]:
         spare.set_visible(False)
     figure.supylabel("error left, along the joint's own motion [mm]")
-    legend_below(figure)
+    legend(figure)
     return figure
 
 
 def _left_by_side(found: Diagnosis) -> bool:
-    """Whether what no cause explains depends on the side of approach of a joint."""
     if any(component.of_side for component in found.unexplained):
         return True
     return found.adequacy.place in map(side_place, found.model.residuals.data.joint_names)

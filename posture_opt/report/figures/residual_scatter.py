@@ -14,12 +14,11 @@ from posture_opt.measurements.repeats import repeat_groups
 from posture_opt.numerics import Array, Codes
 from posture_opt.report.figures.residuals import chosen_rows, dots_look
 from posture_opt.report.page.colours import BLUE, GREEN, GREY, ORANGE, VERMILLION
-from posture_opt.report.page.new_figure import new_figure
-from posture_opt.report.page.style import Look, legend_below, legend_beside, styled
+from posture_opt.report.page.style import Look, legend, new_figure, square, styled
 from posture_opt.report.text.words import line_words
 from posture_opt.uncertainty.regions.regions import Ellipsoid, coverage_factor, hotelling_factor
-from posture_opt.validation.prediction import ErrorSources
-from posture_opt.validation.repeat_scatter import prismatic_joints, repeat_errors
+from posture_opt.validation.prediction import ErrorSources, prismatic_joints
+from posture_opt.validation.repeat_scatter import repeat_errors
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -30,22 +29,14 @@ if TYPE_CHECKING:
     from posture_opt.validation.assessment import Assessment
 
 
-_MAX_DOTS = 2000
-_MAX_QUANTILES = 300  # of many rows; the outer ones, which show the tails, are all drawn
 _BIN_RANGE = (8, 60)
-
-_MAX_PANELS = 6
-_MIN_VISITS = 5  # visits of a pose that make a cloud
-_MAX_VISITS = 4000
 
 
 @styled
 def plot_shape(shown: Shown) -> Figure:
-    """Histograms [mm] with the normal curve and, below, quantiles over normal ones, axis by axis.
-
-    Quantiles on the line: the errors are normal. Ends that bend away from it are heavy tails; a point
-    outside of the grey band happens in 5 % of normal samples at that rank.
-    """
+    """Histograms [mm] with the normal curve and, below, quantiles over normal ones, axis by axis. Quantiles on the
+    line: the errors are normal. Ends that bend away from it are heavy tails; a point outside of the grey band happens
+    in 5 % of normal samples at that rank."""
     axes_of = shown.axes
     figure = new_figure(5.4)
     grid = figure.subplots(2, len(axes_of), squeeze=False)
@@ -57,16 +48,13 @@ def plot_shape(shown: Shown) -> Figure:
         column[1].set_xlabel("normal quantile [std. dev.]")
     grid[0][0].set_ylabel("rows")
     grid[1][0].set_ylabel("measured [std. dev.]")
-    legend_below(figure)
+    legend(figure)
     return figure
 
 
 def _histogram(axes: Axes, values: Array) -> None:
-    """Counts in about as many bins as the root of their number, and the normal curve of equal mean and deviation.
-
-    Args:
-        values: (n,) errors along one axis [mm].
-    """
+    """Counts in about as many bins as the root of their number, and the normal curve of equal mean and deviation;
+    ``values`` (n,) [mm]."""
     mean, sd = values.mean(), values.std(ddof=1)
     bins = int(np.clip(np.sqrt(len(values)), *_BIN_RANGE))
     _, edges, _ = axes.hist(values, bins, color=BLUE, alpha=0.6, zorder=2)
@@ -77,19 +65,16 @@ def _histogram(axes: Axes, values: Array) -> None:
 
 
 def _quantiles(axes: Axes, values: Array) -> None:
-    """Ordered values over those of as many normal ones, and where 95 % of normal ones are, each by itself.
-
-    The k-th of n uniform numbers has a beta distribution with parameters k and n + 1 − k; the k-th value is drawn over
-    the normal quantile of ``(k − 1/2) / n``.
-
-    Args:
-        values: (n,) errors along one axis [mm].
-    """
+    """Ordered values over those of as many normal ones, and where 95 % of normal ones are, each by itself. The k-th of
+    n uniform numbers has a beta distribution with parameters k and n + 1 − k; the k-th value is drawn over the normal
+    quantile of ``(k − 1/2) / n``; ``values`` (n,) [mm]."""
     from scipy.special import betaincinv, ndtri
 
     n = len(values)
     ordered = (np.sort(values) - values.mean()) / values.std(ddof=1)
-    rank = np.unique(np.concatenate([np.linspace(1, n, min(n, _MAX_QUANTILES)).round(), *_outer(n)])).astype(int)
+    # Of many rows 300; the outer ones, which show the tails, are all drawn.
+    tail = np.arange(1.0, min(n, 50) + 1)
+    rank = np.unique(np.concatenate([np.linspace(1, n, min(n, 300)).round(), tail, n + 1 - tail])).astype(int)
     ordered = ordered[rank - 1]
     normal = ndtri((rank - 0.5) / n)
     low, high = (ndtri(betaincinv(rank, n + 1 - rank, p)) for p in (0.025, 0.975))
@@ -98,25 +83,17 @@ def _quantiles(axes: Axes, values: Array) -> None:
     axes.plot(normal, ordered, ".", color=BLUE, ms=7, mew=0, zorder=3, label="errors")
 
 
-def _outer(n: int) -> tuple[Array, Array]:
-    """Ranks of the outer values on both ends: they show the tails and are never thinned out."""
-    tail = np.arange(1.0, min(n, 50) + 1)
-    return tail, n + 1 - tail
-
-
 @styled
 def plot_region(shown: Shown, found: Assessment) -> Figure:
-    """Errors of the calibrated model [mm] with the 95 % ellipse for so many samples, and what the instrument adds.
-
-    The factor is Hotelling's for an estimated covariance, ``sqrt(2 ν/(ν − 1) F₀.₉₅(2, ν − 1))`` with ν degrees of
-    freedom: larger than 2.448. An ellipse much larger than the circle of the instrument is scatter of the arm or an
-    error that the model does not explain.
-    """
+    """Errors of the calibrated model [mm] with the 95 % ellipse for so many samples, and what the instrument adds. The
+    factor is Hotelling's for an estimated covariance, ``sqrt(2 ν/(ν − 1) F₀.₉₅(2, ν − 1))`` with ν degrees of freedom:
+    larger than 2.448. An ellipse much larger than the circle of the instrument is scatter of the arm or an error that
+    the model does not explain."""
     left = found.residual_scatter
     assert left is not None
     pairs = [(a, b) for k, a in enumerate(shown.axes) for b in shown.axes[k + 1 :]]
     figure = new_figure(5.0 if len(pairs) == 1 else 3.5)
-    rows = chosen_rows(len(shown.data), _MAX_DOTS)
+    rows = chosen_rows(len(shown.data), 2000)
     errors = shown.errors["calibrated"]
     half = 1.05 * float(np.abs(errors[rows]).max())
     factor = hotelling_factor(0.95, 2, left.dof)
@@ -134,18 +111,15 @@ def plot_region(shown: Shown, found: Assessment) -> Figure:
             circle = Ellipsoid(np.zeros(2), (1e3 * found.instrument) ** 2 * np.eye(2))
             label = "95 % circle of the instrument"
             axes.plot(*boundary(circle, coverage_factor(0.95, 2)).T, "--", color=GREEN, zorder=5, label=label)
-        axes.set(xlabel=shown.error_label(pair[0]), ylabel=shown.error_label(pair[1]))
-        axes.set(xlim=(-half, half), ylim=(-half, half), aspect="equal")
+        square(axes, half, *map(shown.error_label, pair))
         axes.locator_params(nbins=5 if len(pairs) > 1 else 9)
-    (legend_beside if len(pairs) == 1 else legend_below)(figure)
+    legend(figure, beside=len(pairs) == 1)
     return figure
 
 
 def boundary(ellipse: Ellipsoid, factor: float) -> Array:
-    """The curve (121, 2) at ``factor`` standard deviations of an ellipse, in the unit of the ellipse.
-
-    ``center + factor · A diag(s) (cos φ, sin φ)`` with the axes A and the semi-axes s.
-    """
+    """The curve (121, 2) at ``factor`` standard deviations of an ellipse, in the unit of the ellipse. ``center + factor
+    · A diag(s) (cos φ, sin φ)`` with the axes A and the semi-axes s."""
     angle = np.linspace(0, 2 * np.pi, 121)
     circle = np.array([np.cos(angle), np.sin(angle)])
     return np.asarray(ellipse.center + (factor * ellipse.axes * ellipse.semi_axes @ circle).T)
@@ -153,21 +127,27 @@ def boundary(ellipse: Ellipsoid, factor: float) -> Array:
 
 @styled
 def plot_repeats(problem: ProblemData, shown: Shown, found: Assessment) -> Figure:
-    """The postures with most visits one by one; where none has five, all visits about the means of theirs.
-
-    Visits [mm] about their mean, their covariance (dashed) and the scatter that the problem predicts for them. Dots
-    well outside of the red ellipse: the arm scatters more than the file states.
-    """
+    """The postures with most visits one by one; where none has five, all visits about the means of theirs. Visits [mm]
+    about their mean, their covariance (dashed) and the scatter that the problem predicts for them. Dots well outside of
+    the red ellipse: the arm scatters more than the file states."""
     B = _plane(shown, found)
-    groups = sorted(_visits(shown, found), key=len, reverse=True)
-    clouds = [rows for rows in groups if len(rows) >= _MIN_VISITS][:_MAX_PANELS] or [np.concatenate(groups)]
+    odd = found.repeats.outlying if found.repeats is not None else ()
+    visits = rows_of(repeat_groups(shown.data, prismatic_joints(shown.residuals)))
+    known = [rows for rows in visits if len(rows) > 1 and int(shown.data.line[rows[0]]) not in odd]
+    groups = sorted(known, key=len, reverse=True)
+    # Five visits of a pose make a cloud.
+    clouds = [rows for rows in groups if len(rows) >= 5][:6] or [np.concatenate(groups)]
     alone = len(clouds) == 1 and len(groups) > 1
     columns = min(len(clouds), 3)
     lines = -(-len(clouds) // columns)
     figure = new_figure((8.0 / columns - 0.1) * lines + 0.7 if columns > 1 else 5.0)
     predicted = [_predicted(problem, shown, rows, B) for rows in clouds]
-    offsets = [_pooled(shown, groups, B) if alone else _about_mean(shown, rows, B) for rows in clouds]
-    half = 1.08 * max(float(np.abs(outline).max()) for outline in [*offsets, *_outlines(predicted)])
+    offsets = [_about_mean(shown, rows, B) for rows in clouds]
+    if alone:
+        # Offsets from the mean of n visits are too small by √(1 − 1/n); divided by that, they scatter as visits do.
+        offsets = [np.concatenate([_about_mean(shown, g, B) / np.sqrt(1 - 1 / len(g)) for g in groups])]
+    outlines = [boundary(one, coverage_factor(0.95, 2)) for one in predicted if one is not None]
+    half = 1.08 * max(float(np.abs(outline).max()) for outline in [*offsets, *outlines])
     for k, (rows, cloud, ellipse) in enumerate(zip(clouds, offsets, predicted, strict=True)):
         axes = figure.add_subplot(lines, columns, k + 1)
         _panel(axes, cloud, ellipse)
@@ -177,21 +157,15 @@ def plot_repeats(problem: ProblemData, shown: Shown, found: Assessment) -> Figur
             else f"{len(rows)} visits, line {shown.data.line[rows[0]]}"
         )
         axes.set_title(title)
-        axes.set(xlim=(-half, half), ylim=(-half, half), aspect="equal")
-        axes.set(xlabel=f"{line_words(B[0])} [mm]", ylabel=f"{line_words(B[1])} [mm]")
+        square(axes, half, *(f"{line_words(b)} [mm]" for b in B))
         axes.locator_params(nbins=5)
-    (legend_beside if columns == 1 else legend_below)(figure)
+    legend(figure, beside=columns == 1)
     return figure
-
-
-def _outlines(ellipses: list[Ellipsoid | None]) -> list[Array]:
-    """The curves of the ellipses that there are."""
-    return [boundary(ellipse, coverage_factor(0.95, 2)) for ellipse in ellipses if ellipse is not None]
 
 
 def _panel(axes: Axes, cloud: Array, predicted: Ellipsoid | None) -> None:
     """One cloud of visits (k, 2) [mm] with the ellipse that was predicted."""
-    axes.plot(*cloud[:_MAX_VISITS].T, ".", color=BLUE, ms=6 if len(cloud) < 100 else 3.5, mew=0, alpha=0.7, zorder=2,
+    axes.plot(*cloud[:4000].T, ".", color=BLUE, ms=6 if len(cloud) < 100 else 3.5, mew=0, alpha=0.7, zorder=2,
               label="visits about their mean")  # fmt: skip
     known = coverage_factor(0.95, 2)
     if predicted is not None:
@@ -212,32 +186,15 @@ def _plane(shown: Shown, found: Assessment) -> Array:
     return np.array([first, second if second[np.abs(second).argmax()] > 0 else -second])
 
 
-def _visits(shown: Shown, found: Assessment) -> list[Codes]:
-    """The rows of each posture that was visited more than once, without postures whose repeats are outliers."""
-    odd = found.repeats.outlying if found.repeats is not None else ()
-    groups = rows_of(repeat_groups(shown.data, prismatic_joints(shown.residuals)))
-    return [rows for rows in groups if len(rows) > 1 and int(shown.data.line[rows[0]]) not in odd]
-
-
 def _about_mean(shown: Shown, rows: Codes, B: Array) -> Array:
     """(k, 2) visits about their mean [mm], in the plane of B (2, 3)."""
     cloud = shown.places[rows] @ B.T
     return np.asarray(cloud - cloud.mean(axis=0))
 
 
-def _pooled(shown: Shown, groups: list[Codes], B: Array) -> Array:
-    """Offsets (k, 2) [mm] of all visits from the mean of their posture, in the plane of B (2, 3).
-
-    Offsets from the mean of n visits are too small by √(1 − 1/n); divided by that, they scatter as visits do.
-    """
-    return np.concatenate([_about_mean(shown, rows, B) / np.sqrt(1 - 1 / len(rows)) for rows in groups])
-
-
 def _predicted(problem: ProblemData, shown: Shown, rows: Codes, B: Array) -> Ellipsoid | None:
-    """The scatter [mm²] of visits by the problem: what it says changes from repeat to repeat, and its instrument.
-
-    ``C = mean_k J_k Σ J_kᵀ + σ² I`` over the rows, projected on the plane of B (2, 3); None where it is zero.
-    """
+    """The scatter [mm²] of visits by the problem: what it says changes from repeat to repeat, and its instrument. ``C =
+    mean_k J_k Σ J_kᵀ + σ² I`` over the rows, projected on the plane of B (2, 3); None where it is zero."""
     residuals = shown.residuals.take(rows)
     errors = ErrorSources.of(residuals, problem.sources)
     J = residuals.sigma * residuals.sensitivities(errors.names, shown.x)[:, : len(shown.axes)]

@@ -15,8 +15,7 @@ from posture_opt.measurements.measurements import group_means
 from posture_opt.numerics import Array
 from posture_opt.report.figures.residuals import TITLES, chosen_rows, dots_look
 from posture_opt.report.page.colours import BLUE, GREEN, GREY, MODEL_COLOURS, ORANGE, PURPLE, VERMILLION
-from posture_opt.report.page.new_figure import new_figure
-from posture_opt.report.page.style import Look, legend_below, styled
+from posture_opt.report.page.style import Look, legend, new_figure, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -28,13 +27,9 @@ if TYPE_CHECKING:
 _MAX_DOTS = 800  # more make a fog
 MEAN = "black", "mean of neighbours with its 95 % band"
 """Colour and label of a mean in bins."""
-_MEAN_BIN_POSES = 20  # poses, on average
 _MIN_BIN_POSES = 4  # poses of a bin that is drawn
 _MAX_DISTINCT_VALUES = 12  # different values, as of a payload: no more need to be put together
 _MIN_BINS, _MAX_BINS = 6, 72  # bins: many, as errors of gears have tens of periods a turn
-_MAX_GAP_SHARE = 0.08  # of the bins, all of them empty: no line is drawn over it
-_ROUNDING_SHARE = 1e-9  # of the longest lever of all joints: less is rounding
-_MIN_LEVER_SHARE = 0.05  # of the longest: nearer to its axis, a joint moves the tool point in no direction to speak of
 
 _SIDE_LOOKS = ((-1, "decreasing", ORANGE, -0.12), (1, "increasing", PURPLE, 0.12))
 _AXIS_LOOKS: tuple[Look, ...] = (
@@ -42,21 +37,13 @@ _AXIS_LOOKS: tuple[Look, ...] = (
     {"color": VERMILLION, "marker": "s", "ls": "--"},
     {"color": GREEN, "marker": "^", "ls": ":"},
 )
-_MIN_ARRIVALS = 10  # arrivals from a side
-_MIN_DISTINCT_VALUES = 3  # different ones that make a line
-_MAX_INPUT_BINS = 30
-_MAX_LABEL_LETTERS = 36  # of all names of joints side by side, upright
 
 
 @dataclass(frozen=True, eq=False)
 class Binned:
     """Means of values in bins along x, each with half its 95 % interval by Student's t; NaN where a bin has too few.
-
-    ``t(0.975, n − 1) s / sqrt(n)`` of the n values of a bin with standard deviation s.
-
-    Args:
-        x: (b,) means of x in the bins; ``mean`` (b,) of the values there; ``band`` (b,) half the interval.
-    """
+    ``t(0.975, n − 1) s / sqrt(n)`` of the n values of a bin with standard deviation s; ``x`` (b,), ``mean`` (b,),
+    ``band`` (b,)."""
 
     x: Array
     mean: Array
@@ -64,16 +51,13 @@ class Binned:
 
     @classmethod
     def of(cls, x: Array, values: Array, most: int = _MAX_BINS) -> Binned:
-        """Of values (n,) at x (n,), in ``most`` bins or fewer; a few different x are bins of their own.
-
-        Bins are equally wide and hold 20 values on average, but there are six at least.
-        """
+        """Of values (n,) at x (n,), in ``most`` bins or fewer; a few different x are bins of their own."""
         from scipy.special import stdtrit
 
         steps, at = np.unique(x, return_inverse=True)
         bins = len(steps)
         if bins > _MAX_DISTINCT_VALUES:
-            bins = max(min(len(x) // _MEAN_BIN_POSES, most), _MIN_BINS)
+            bins = max(min(len(x) // 20, most), _MIN_BINS)
             at = np.clip(((x - steps[0]) / (steps[-1] - steps[0]) * bins).astype(int), 0, bins - 1)
         count = np.bincount(at, minlength=bins)
         some = np.where(count >= _MIN_BIN_POSES, count, np.nan)
@@ -84,7 +68,8 @@ class Binned:
     def draw(self, axes: Axes, color: str = "black", label: str = "", **look: Any) -> None:
         """The line with its band; it passes over a few empty bins, not over a wide gap."""
         known = np.isfinite(self.mean)
-        wide = np.flatnonzero(np.diff(np.flatnonzero(known)) > max(_MAX_GAP_SHARE * len(known), 3)) + 1
+        # No line is drawn over a gap of 8 % of the bins.
+        wide = np.flatnonzero(np.diff(np.flatnonzero(known)) > max(0.08 * len(known), 3)) + 1
         x, mean, band = (np.insert(values[known], wide, np.nan) for values in (self.x, self.mean, self.band))
         axes.fill_between(x, mean - band, mean + band, color=color, alpha=0.25, lw=0, zorder=3)
         marker = "o" if len(x) <= _MAX_DISTINCT_VALUES else ""
@@ -94,12 +79,8 @@ class Binned:
 @styled
 def plot_residuals_over_joints(shown: Shown) -> Figure:
     """Errors along the motion of each joint [mm] over its value [deg or mm]: dots are poses, the line is their mean in
-    bins.
-
-    Left before, right after calibration, each side with one scale for all joints. A wave is a gear, a slope a
-    compliance or scale, two levels a backlash. Joints that the instrument does not see are left out: a level shows no
-    turn about the vertical.
-    """
+    bins. Left before, right after calibration, each side with one scale for all joints. A wave is a gear, a slope a
+    compliance or scale, two levels a backlash."""
     seen = _seen_joints(shown)
     joints = [shown.robot.joints[k] for k in seen]
     figure = new_figure(1.0 + 1.35 * len(joints))
@@ -118,19 +99,14 @@ def plot_residuals_over_joints(shown: Shown) -> Figure:
             axes.locator_params(axis="y", nbins=4)
         column[0].set_title(TITLES[name])
     figure.supylabel("error along the joint's own motion [mm]")
-    legend_below(figure)
+    legend(figure)
     return figure
 
 
 def draw_trend(
     axes: Axes, x: Array, y: Array, dots: tuple[str, str, str], mean: tuple[str, str] = MEAN, bins: int = _MAX_BINS
 ) -> None:
-    """Values (n,) over x (n,) as dots, of many some drawn by lot, with the mean of neighbours and a line at zero.
-
-    Args:
-        dots: mark, colour and label of the dots; ``mean`` colour and label of the mean.
-        bins: at most so many, see `Binned`.
-    """
+    """Values (n,) over x (n,) as dots, of many some drawn by lot, with the mean of neighbours and a line at zero."""
     rows = chosen_rows(len(x), _MAX_DOTS)
     mark, colour, label = dots
     look: Look = {"mew": 0, "ls": "none", "rasterized": True, **dots_look(len(rows))}
@@ -142,25 +118,20 @@ def draw_trend(
 
 
 def _seen_joints(shown: Shown) -> list[int]:
-    """The joints that change what is measured in some posture, rounding apart."""
+    """The joints that change what is measured in some posture, rounding apart: less than 1e-9 of the longest lever."""
     levers = [float(np.max(np.linalg.norm(column, axis=1), initial=0.0)) for column in shown.columns]
-    return [k for k, lever in enumerate(levers) if lever > _ROUNDING_SHARE * max(levers)]
+    return [k for k, lever in enumerate(levers) if lever > 1e-9 * max(levers)]
 
 
 def _along(shown: Shown, errors: Array, joints: list[int]) -> tuple[list[Array], list[Array]]:
-    """By joint, its value [deg or mm] and the error along its motion [mm], pose by pose.
-
-    ``e · c / |c|`` with the column c of the joint; poses in which ``|c|`` is below 5 % of its largest are left out.
-
-    Args:
-        errors: (N, 3) measured minus model [mm].
-        joints: numbers of those that are seen.
-    """
+    """By joint, its value [deg or mm] and the error along its motion [mm], pose by pose. ``e · c / |c|`` with the
+    column c of the joint; poses in which ``|c|`` is below 5 % of its largest are left out; ``errors`` (N, 3) [mm]."""
     values, along = [], []
     for k in joints:
         joint, column = shown.robot.joints[k], shown.columns[k]
         lever = np.linalg.norm(column, axis=1)
-        far = lever > _MIN_LEVER_SHARE * lever.max()
+        # Nearer to its axis, a joint moves the tool point in no direction to speak of.
+        far = lever > 0.05 * lever.max()
         part = np.sum(errors[far] * column[far], axis=1) / lever[far]
         factor = math.degrees(1.0) if joint.type == "revolute" else 1e3
         means = group_means(np.column_stack([factor * shown.data.q[far, k], part]), shown.data.pose[far])
@@ -171,19 +142,30 @@ def _along(shown: Shown, errors: Array, joints: list[int]) -> tuple[list[Array],
 
 @styled
 def plot_residuals_over_inputs(shown: Shown) -> Figure:
-    """Mean errors by axis [mm] over the inputs that the data have, and along each joint's motion by its approach.
-
-    Left before, right after calibration. The last line of panels is left out where no joint arrived often from both
-    sides; a gap between both marks of a joint that exceeds their bars is backlash.
-    """
-    inputs, sided = _inputs(shown), _both_sides(shown)
+    """Mean errors by axis [mm] over the inputs that the data have, and along each joint's motion by its approach. Left
+    before, right after calibration. The last line of panels is left out where no joint arrived often from both sides; a
+    gap between both marks of a joint that exceeds their bars is backlash."""
+    data = shown.data
+    inputs = [("line of the file", data.line.astype(float))]
+    if data.time is not None:
+        length = float(np.ptp(data.time))
+        unit, size = next(((u, s) for u, s in (("h", 3600.0), ("min", 60.0)) if length > 3 * s), ("s", 1.0))
+        inputs = [(f"time [{unit}]", data.time / size)]
+    others = (("temperature [degC]", data.temperature), ("payload [kg]", data.payload))
+    # Three different values make a line.
+    inputs += [(label, x) for label, x in others if x is not None and len(np.unique(x)) >= 3]
+    arrived = [(data.approach < 0).sum(axis=0), (data.approach > 0).sum(axis=0)]
+    sided = [k for k in _seen_joints(shown) if min(side[k] for side in arrived) >= 10]
     lines = len(inputs) + bool(sided)
     figure = new_figure(0.7 + 1.9 * lines)
     grid = figure.subplots(lines, 2, squeeze=False)
     for name, column in zip(shown.errors, grid.T, strict=True):
         column[0].set_title(TITLES[name])
         for axes, (label, x) in zip(column, inputs, strict=False):
-            _over(axes, shown, shown.errors[name], x)
+            axes.axhline(0, color=GREY, lw=0.8, zorder=1)
+            for axis in shown.axes:
+                trend = Binned.of(x, shown.errors[name][:, axis], 30)
+                trend.draw(axes, label=data.kind.axis_names[axis], **_AXIS_LOOKS[axis])
             axes.set_xlabel(label)
         if sided:
             _approach(column[-1], shown, shown.errors[name], sided)
@@ -191,56 +173,13 @@ def plot_residuals_over_inputs(shown: Shown) -> Figure:
         axes.set_ylabel("mean error [mm]")
     if sided:
         grid[-1][0].set_ylabel("mean error along\nthe joint's motion [mm]")
-    legend_below(figure)
+    legend(figure)
     return figure
 
 
-def _inputs(shown: Shown) -> list[tuple[str, Array]]:
-    """What the errors are drawn over: time or, without it, the order of the rows; temperature, payload.
-
-    The latter two are left out with fewer than three different values, which make no line.
-    """
-    data = shown.data
-    order = ("line of the file", data.line.astype(float))
-    found = [order if data.time is None else _clock(data.time)]
-    others = (("temperature [degC]", data.temperature), ("payload [kg]", data.payload))
-    return found + [(label, x) for label, x in others if x is not None and len(np.unique(x)) >= _MIN_DISTINCT_VALUES]
-
-
-def _clock(seconds: Array) -> tuple[str, Array]:
-    """Times [s] in the unit in which the whole reads best, with its label."""
-    length = float(np.ptp(seconds))
-    for unit, size in (("h", 3600.0), ("min", 60.0)):
-        if length > 3 * size:
-            return f"time [{unit}]", seconds / size
-    return "time [s]", seconds
-
-
-def _over(axes: Axes, shown: Shown, errors: Array, x: Array) -> None:
-    """The mean error of each axis over x (n,), in bins."""
-    axes.axhline(0, color=GREY, lw=0.8, zorder=1)
-    for axis in shown.axes:
-        Binned.of(x, errors[:, axis], _MAX_INPUT_BINS).draw(
-            axes, label=shown.data.kind.axis_names[axis], **_AXIS_LOOKS[axis]
-        )
-
-
-def _both_sides(shown: Shown) -> list[int]:
-    """The joints that arrived often from both sides."""
-    approach = shown.data.approach
-    return [
-        k for k in _seen_joints(shown)
-        if min(np.count_nonzero(approach[:, k] < 0), np.count_nonzero(approach[:, k] > 0)) >= _MIN_ARRIVALS
-    ]  # fmt: skip
-
-
 def _approach(axes: Axes, shown: Shown, errors: Array, joints: list[int]) -> None:
-    """Mean and its 95 % interval of the error along the motion of each joint, by the side that it came from.
-
-    Args:
-        errors: (N, 3) measured minus model [mm].
-        joints: numbers of the joints that arrived often from both sides.
-    """
+    """Mean and its 95 % interval of the error along the motion of each joint, by the side that it came from; ``errors``
+    (N, 3) [mm]."""
     axes.axhline(0, color=GREY, lw=0.8, zorder=1)
     for side, label, colour, shift in _SIDE_LOOKS:
         means, bars = [], []
@@ -250,20 +189,12 @@ def _approach(axes: Axes, shown: Shown, errors: Array, joints: list[int]) -> Non
             part = (np.sum(errors * column, axis=1) / lever)[shown.data.approach[:, k] == side]
             means.append(part.mean())
             bars.append(2 * part.std(ddof=1) / np.sqrt(len(part)))
-        places = np.arange(len(joints)) + shift
-        axes.errorbar(
-            places,
-            means,
-            bars,
-            fmt="<" if side < 0 else ">",
-            color=colour,
-            ms=6,
-            capsize=3,
-            label=f"joint arrives {label}",
-        )
+        look: Look = {"fmt": "<" if side < 0 else ">", "color": colour, "ms": 6, "capsize": 3}
+        axes.errorbar(np.arange(len(joints)) + shift, means, bars, label=f"joint arrives {label}", **look)
     names = [shown.robot.joint_names[k] for k in joints]
     longest = max(len(part) for name in names for part in name.split("_"))
-    if longest * len(names) > _MAX_LABEL_LETTERS:
+    # So many letters fit upright side by side.
+    if longest * len(names) > 36:
         axes.set_xticks(range(len(joints)), names, rotation=30, ha="right", rotation_mode="anchor")
     else:
         axes.set_xticks(range(len(joints)), [name.replace("_", "\n") for name in names])

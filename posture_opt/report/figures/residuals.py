@@ -9,8 +9,7 @@ import numpy as np
 
 from posture_opt.numerics import Array, Codes, round_below, stacked_rows
 from posture_opt.report.page.colours import MODEL_COLOURS
-from posture_opt.report.page.new_figure import new_figure
-from posture_opt.report.page.style import styled
+from posture_opt.report.page.style import new_figure, styled
 from posture_opt.report.scene.arm_geometry import enlargement
 from posture_opt.report.text.words import MODEL_NAMES
 from posture_opt.units import number
@@ -19,17 +18,11 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from posture_opt.calibration.calibration import Calibration
+    from posture_opt import Calibration, Measurements, Robot
     from posture_opt.calibration.estimation.residuals import Residuals
-    from posture_opt.measurements.measurements import Measurements
-    from posture_opt.robot.robot import Robot
 
 
 TITLES = {name: MODEL_NAMES[name] for name in ("nominal", "calibrated")}
-_MANY_DOTS = 400  # dots
-_MAX_ARROWS = 400  # more of them hide each other
-_MIN_LENGTH_RATIO = 0.6  # of the arrows of both models: shorter ones have a scale of their own
-_FLAT_SHARE = 0.02  # of the workspace: measured points that leave a plane by less are drawn in it
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +84,8 @@ class Shown:
             return ((self.axes[0], self.axes[1]),)
         extent = np.ptp(self.places, axis=0)
         flat = int(np.argmin(extent))
-        if extent[flat] < _FLAT_SHARE * extent.max():
+        # Points that leave a plane by less than 2 % of the workspace are drawn in it.
+        if extent[flat] < 0.02 * extent.max():
             first, second = (axis for axis in range(3) if axis != flat)
             return ((first, second),)
         return (0, 1), (int(np.argmax(extent[:2])), 2)
@@ -100,7 +94,7 @@ class Shown:
 def dots_look(n: int) -> dict[str, float]:
     """Size and opacity of n dots: the fewer, the larger, so that each is seen and many do not merge."""
     size = float(np.clip(60.0 / max(n, 1) ** 0.5, 3.5, 9.0))
-    return {"ms": size, "alpha": 0.75 if n < _MANY_DOTS else 0.45}
+    return {"ms": size, "alpha": 0.75 if n < 400 else 0.45}
 
 
 def chosen_rows(n: int, most: int) -> Codes:
@@ -116,15 +110,12 @@ def chosen_rows(n: int, most: int) -> Codes:
 
 @styled
 def plot_residual_vectors(shown: Shown) -> Figure:
-    """Errors as arrows from the model's place to the measured one, before and after.
-
-    Axes are coordinates [mm] in the world frame; arrows are enlarged by the factors in the titles, keys show the length
-    of large ones. Both have one scale unless arrows after calibration would be too short to be seen. Arrows that turn
-    together are a wrong frame, arrows that grow with the distance from the base a joint or a length. Of many rows some
-    are drawn at random.
-    """
+    """Errors as arrows from the model's place to the measured one, before and after. Axes are coordinates [mm] in the
+    world frame; arrows are enlarged by the factors in the titles, keys show the length of large ones. Both have one
+    scale unless arrows after calibration would be too short to be seen."""
     views = shown.views
-    rows = chosen_rows(len(shown.data), _MAX_ARROWS)
+    # More arrows hide each other.
+    rows = chosen_rows(len(shown.data), 400)
     large = {name: float(np.quantile(np.linalg.norm(e, axis=1), 0.95)) for name, e in shown.errors.items()}
     factors = _factors(large, float(np.ptp(shown.places, axis=0).max()))
     ends = np.concatenate(
@@ -154,27 +145,17 @@ def plot_residual_vectors(shown: Shown) -> Figure:
 
 
 def _factors(large: dict[str, float], extent: float) -> dict[str, float]:
-    """By which the arrows of each model are enlarged: by one factor, unless one model's would be too short then.
-
-    Args:
-        large: length of a large error of each model; ``extent`` of the workspace in the same unit.
-    """
-    common = enlargement(max(large.values()), extent)
-    if min(large.values()) > _MIN_LENGTH_RATIO * max(large.values()):
-        return dict.fromkeys(large, common)
-    return {name: enlargement(size, extent) for name, size in large.items()}
+    """By which the arrows of each model are enlarged: shorter ones than 0.6 of the other's have their own factor."""
+    common = max(large.values())
+    alike = min(large.values()) > 0.6 * common
+    return {name: enlargement(common if alike else size, extent) for name, size in large.items()}
 
 
 def _arrows(
     axes: Axes, shown: Shown, errors: Array, view: tuple[int, int], rows: Any, factor: float, colour: str
 ) -> Any:
-    """The arrows of one model in one view, with the base; what it returns serves the key of their length.
-
-    Args:
-        errors: (N, 3) measured minus model [mm]; ``rows`` those that are drawn.
-        view: numbers of the axes to the right and upwards.
-        factor: by which arrows are enlarged.
-    """
+    """The arrows of one model in one view, with the base; what it returns serves the key of their length; ``errors``
+    (N, 3) [mm]."""
     x, y = shown.places[rows][:, list(view)].T
     u, v = factor * errors[rows][:, list(view)].T
     base = shown.base[list(view)]

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from posture_opt.report.page.colours import BLUE, GREY, LIGHT, MODEL_COLOURS, VERMILLION
-from posture_opt.report.page.new_figure import new_figure
-from posture_opt.report.page.style import MODEL_DASHES, legend_below, legend_beside, styled
+from posture_opt.report.page.style import MODEL_DASHES, legend, name_rows, new_axes, new_figure, styled
 from posture_opt.report.text.words import MODEL_NAMES, REGIONS
 from posture_opt.validation.coverage import RELIABILITY_LEVELS
 
@@ -19,18 +18,13 @@ if TYPE_CHECKING:
 
     from posture_opt.validation.spread_check import SpreadCheck
 
-_CLIP_RATIO = 1.15  # times the largest value that the data determine: beyond it bars are cut off
-
 
 @styled
 def plot_reliability(found: SpreadCheck) -> Figure:
-    """The share of the rows in the predicted region of every probability: on the diagonal the prediction is true.
-
-    Below it errors are larger than predicted. The grey band is where 95 % of data sets would lie, were it true; the
-    dots are at the 95 % region with the interval of the share.
-    """
-    figure = new_figure(5.0)
-    axes = figure.add_subplot()
+    """The share of the rows in the predicted region of every probability: on the diagonal the prediction is true. Below
+    it errors are larger than predicted. The grey band is where 95 % of data sets would lie, were it true; the dots are
+    at the 95 % region with the interval of the share."""
+    figure, axes = new_axes(5.0)
     nominal = found.coverage["nominal"]
     true = "the file's spread true" if found.stated else "the instrument all there is"
     levels = 100 * np.array([0.0, *RELIABILITY_LEVELS, 1.0])
@@ -52,61 +46,47 @@ def plot_reliability(found: SpreadCheck) -> Figure:
     axes.set(xlim=(0, 101), ylim=(0, 101), aspect="equal")
     axes.set_xlabel(f"predicted: probability of the {region} [%] (dotted: 95 %)")
     axes.set_ylabel("measured: rows inside it [%]")
-    legend_beside(figure)
+    legend(figure, beside=True)
     return figure
 
 
 @styled
 def plot_joint_scatter(found: SpreadCheck) -> Figure:
-    """Estimated standard deviations of joints and instrument with their 95 % intervals, and the stated ones.
-
-    Angles in mrad in the upper panel, lengths in mm in the lower one. Bars that end at an arrow have no upper end that
-    the data determine. A stated σ (diamond) outside of the interval contradicts the data. Joints that hardly move the
-    tool point are left out.
-    """
+    """Estimated standard deviations of joints and instrument with their 95 % intervals, and the stated ones. Angles in
+    mrad in the upper panel, lengths in mm in the lower one. Bars that end at an arrow have no upper end that the data
+    determine."""
     noise = found.noise
     assert noise is not None
-    turning = [k for k, name in enumerate(noise.names) if not name.endswith(".d") and found.shown[k]]
-    sliding = [k for k, name in enumerate(noise.names) if name.endswith(".d") and found.shown[k]]
-    rows = {
-        k: (noise.names[k].rpartition(".")[0], noise.sigma[k], *noise.interval[k], found.stated_sigma[k])
-        for k in map(int, np.flatnonzero(found.shown))
-    }
-    instrument = ("instrument", noise.instrument, *noise.instrument_interval, found.instrument)
-    lengths = [*(rows[k] for k in sliding), instrument]
-    panels = [([rows[k] for k in turning], "mrad", 1e3)] if turning else []
-    panels.append((lengths, "mm", 1e3))
-    heights = [len(part) for part, _, _ in panels]
+    turning, sliding = list[tuple[Any, ...]](), list[tuple[Any, ...]]()
+    for k in map(int, np.flatnonzero(found.shown)):
+        name, _, kind = noise.names[k].rpartition(".")
+        row = (name, noise.sigma[k], *noise.interval[k], found.stated_sigma[k])
+        (sliding if kind == "d" else turning).append(row)
+    sliding.append(("instrument", noise.instrument, *noise.instrument_interval, found.instrument))
+    panels = [*([(turning, "mrad")] if turning else []), (sliding, "mm")]
+    heights = [len(part) for part, _ in panels]
     figure = new_figure(1.3 + 0.28 * sum(heights) + 0.4 * len(panels))
     grid = figure.add_gridspec(len(panels), 1, height_ratios=[h + 0.8 for h in heights])
-    for k, (part, unit, factor) in enumerate(panels):
-        _bars(figure.add_subplot(grid[k]), part, unit, factor)
-    legend_below(figure)
+    for k, (part, unit) in enumerate(panels):
+        _bars(figure.add_subplot(grid[k]), part, unit, 1e3)
+    legend(figure)
     return figure
 
 
 def _bars(axes: Axes, rows: list[tuple[Any, ...]], unit: str, factor: float) -> None:
-    """One panel: bars of estimates, lines of their intervals, diamonds of stated values.
-
-    Args:
-        rows: (name, σ, lower end, upper end, stated σ) in SI units; ``factor`` converts them to ``unit``.
-    """
+    """One panel: bars of estimates, lines of their intervals, diamonds of stated values; ``rows`` (name, σ, lower end,
+    upper end, stated σ)."""
     known = [high for _, sigma, _, high, _ in rows if math.isfinite(high) and sigma > 0]
     largest = max([*(sigma for _, sigma, *_ in rows), *(stated for *_, stated in rows)], default=0.0)
     near = [high for high in known if high < 4 * largest]
-    edge = _CLIP_RATIO * factor * max([largest, *near], default=1.0) or 1.0
+    # Beyond 1.15 times the largest value that the data determine, bars are cut off.
+    edge = 1.15 * factor * max([largest, *near], default=1.0) or 1.0
     labels = {"estimated": True, "95 % interval": True, "stated": True}
     for k, (_, sigma, low, high, stated) in enumerate(rows):
         beyond = not factor * high <= edge
         end = edge if beyond else factor * high
-        axes.barh(
-            k,
-            factor * sigma,
-            color=BLUE,
-            height=0.6,
-            zorder=2,
-            label="estimated" if labels.pop("estimated", 0) else None,
-        )
+        label = "estimated" if labels.pop("estimated", 0) else None
+        axes.barh(k, factor * sigma, color=BLUE, height=0.6, zorder=2, label=label)
         label = "95 % interval" if labels.pop("95 % interval", 0) else None
         axes.plot([factor * low, end], [k, k], color="black", lw=1.6, zorder=3, label=label)
         if beyond:
@@ -114,7 +94,5 @@ def _bars(axes: Axes, rows: list[tuple[Any, ...]], unit: str, factor: float) -> 
         if stated > 0:
             label = "stated" if labels.pop("stated", 0) else None
             axes.plot(factor * stated, k, "D", color=VERMILLION, ms=6, mec="white", zorder=5, label=label)
-    axes.set_yticks(range(len(rows)), [row[0] for row in rows])
+    name_rows(axes, {k: row[0] for k, row in enumerate(rows)})
     axes.set(ylim=(len(rows) - 0.5, -0.5), xlim=(0, edge), xlabel=f"standard deviation [{unit}]")
-    axes.grid(axis="y", visible=False)
-    axes.tick_params(axis="y", length=0)

@@ -1,4 +1,4 @@
-"""Maps over a grid of targets: colours in the cells, hatching where there is no posture, the best target marked.
+"""Maps over the targets: standard deviation, bias, 95 % radius; hatched without a posture, measured rows as dots.
 
 Axes are two coordinates of the grid [mm], a panel a layer of the third; all panels share one scale of colours.
 """
@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 from posture_opt.model.chain import factor_values, walk
 from posture_opt.numerics import Array
 from posture_opt.report.page.colours import BLUE, COLOUR_MAP, LIGHT, ORANGE, VERMILLION
-from posture_opt.report.page.new_figure import new_figure
-from posture_opt.report.page.style import WIDTH, Look, legend_below, styled
+from posture_opt.report.page.style import WIDTH, Look, legend, new_axes, new_figure, styled
 from posture_opt.report.text.words import PARTS, line_words
-from posture_opt.selection.maps.map_collisions import SELF_COLLISION
+from posture_opt.selection.maps.map_search import SELF_COLLISION
 from posture_opt.statements.notation import length_unit
 from posture_opt.units import fixed
 
@@ -30,12 +29,10 @@ if TYPE_CHECKING:
     from matplotlib.colors import Normalize
     from matplotlib.figure import Figure
 
-    from posture_opt.selection.maps.map_points import Grid
-    from posture_opt.selection.maps.target_map import TargetMap
+    from posture_opt import AccuracyMap, TargetMap
+    from posture_opt.selection.maps.grid_layout import Grid
 
 _PANELS_WIDTH_INCH = WIDTH - 1.6  # the rest is the scale of colours with its numbers
-_MAX_LAYERS = 9
-_ARROW_SHARE = 0.14  # of the picture
 _REASONS = {"not reached": "out of reach", "requirement not met": "a requirement is not met"}
 _LOOKS = (
     ("#E4E4E4", "////"), ("#F6F6F6", "...."), ("#F3C9C4", ""), ("#DCC9E8", "\\\\"), ("#CBE6D3", "xx"),
@@ -43,18 +40,11 @@ _LOOKS = (
 )  # fmt: skip
 _OUTLINE_COLOUR = "#7A4A12"
 _FAR = 2.0  # m: so far around the targets, planes and other endless obstacles are drawn
-_BASE_ROOM = 0.5  # of the picture: a base that is not farther outside of it is drawn
 
 
 @dataclass(frozen=True)
 class Canvas:
-    """What all panels of a map share.
-
-    Args:
-        grid: of targets.
-        base: (2,) of the arm [mm].
-        norm: from lengths in ``unit`` to colours; ``scale`` converts m to the unit.
-    """
+    """What all panels of a map share; ``base`` (2,) [mm]."""
 
     grid: Grid
     base: Array
@@ -64,10 +54,7 @@ class Canvas:
 
     @classmethod
     def of(cls, found: TargetMap, values: Array, others: Array | None = None) -> Canvas:
-        """A scale over ``values`` (N,) [m] and, where given, other lengths that are drawn with the same colours.
-
-        Of the others, those above their 95 % quantile do not widen the scale; a range below 0.1 % is widened to 4 %.
-        """
+        """A scale over ``values`` (N,) [m] and, where given, other lengths that are drawn with the same colours."""
         seen = values[np.isfinite(values)]
         if others is not None and len(others):
             # One gross outlier must not wash out all the rest.
@@ -88,7 +75,8 @@ class Canvas:
     def limits(self) -> tuple[Array, Array]:
         """(2,) lower left and upper right of the picture [mm]: all cells, and the base where that is near."""
         low, high = np.array(edges_of(self.grid)).T
-        if np.any(np.abs(self.base - (low + high) / 2) > (0.5 + _BASE_ROOM) * (high - low)):
+        # A base is drawn up to half the picture outside of it.
+        if np.any(np.abs(self.base - (low + high) / 2) > high - low):
             return low, high
         margin = 0.04 * (high - low)
         return np.minimum(low, self.base - margin), np.maximum(high, self.base + margin)
@@ -100,13 +88,9 @@ class Canvas:
 
 @styled
 def plot_target_map(found: TargetMap) -> Figure:
-    """The smallest spread that a posture gives, over the targets of the grid.
-
-    Colours are the standard deviation of the part that counts [µm or mm]; cells without a posture have the colour of
-    what fails there. Base, obstacles and the box for the target are outlined. The star is the best target, a cross the
-    position in the problem: the difference of their colours is what moving the workpiece gains. Targets on a line are
-    drawn as a curve.
-    """
+    """The smallest spread that a posture gives, over the targets of the grid. Colours are the standard deviation of the
+    part that counts [µm or mm]; cells without a posture have the colour of what fails there. Base, obstacles and the
+    box for the target are outlined."""
     label = f"standard deviation {PARTS[found.within]}"
     if found.grid.shape[1] == 1 and found.grid.shape[0] == 1:
         return plot_line(found.grid, label, found.sigma)
@@ -134,12 +118,11 @@ def draw_layer(axes: Axes, canvas: Canvas, found: TargetMap, values: Array, laye
 
 
 def new_panels(canvas: Canvas) -> tuple[Figure, list[tuple[Axes, int]]]:
-    """A figure with axes for each layer that is shown, and the numbers of these layers.
-
-    Of many layers nine are shown, equally spaced, the outer ones among them.
-    """
-    count = canvas.grid.shape[0]
-    shown = np.unique(np.linspace(0, count - 1, min(count, _MAX_LAYERS)).round().astype(int)).tolist()
+    """A figure with axes for each layer that is shown, and the numbers of these layers."""
+    grid, count = canvas.grid, canvas.grid.shape[0]
+    # A turned grid has no coordinate axes: its labels are offsets from the middle.
+    names, off = [line_words(e) for e in grid.axes], "" if grid.aligned else ", off the middle"
+    shown = np.unique(np.linspace(0, count - 1, min(count, 9)).round().astype(int)).tolist()
     columns = min(len(shown), 3 if len(shown) not in (1, 2, 4) else 2)
     rows = math.ceil(len(shown) / columns)
     wide, tall = np.subtract(*canvas.limits[::-1])
@@ -149,13 +132,17 @@ def new_panels(canvas: Canvas) -> tuple[Figure, list[tuple[Axes, int]]]:
     panels = []
     for k, layer in enumerate(shown):
         axes = figure.add_subplot(rows, columns, k + 1)
-        _name_axes(axes, canvas.grid, layer, small=columns > 1)
         (u0, v0), (u1, v1) = canvas.limits
-        axes.set(xlim=(u0, u1), ylim=(v0, v1), autoscale_on=False)
-        # Numbers at the left and below the lowest only: the panels get their room.
-        axes.tick_params(labelleft=k % columns == 0, labelbottom=k + columns >= len(shown))
-        axes.set_ylabel(axes.get_ylabel() if k % columns == 0 else "")
-        axes.set_xlabel(axes.get_xlabel() if k + columns >= len(shown) else "")
+        axes.set(xlim=(u0, u1), ylim=(v0, v1), autoscale_on=False, aspect="equal")
+        # Labels at the left and below the lowest only: the panels get their room.
+        left, lowest = k % columns == 0, k + columns >= len(shown)
+        axes.tick_params(labelleft=left, labelbottom=lowest)
+        axes.set(xlabel=f"{names[0]}{off} [mm]" if lowest else "", ylabel=f"{names[1]}{off} [mm]" if left else "")
+        if grid.aligned and (len(grid.values[2]) > 1 or abs(grid.values[2][0]) > 1e-9):
+            axes.set_title(f"{names[2]} = {fixed(1e3 * grid.values[2][layer], 1)} mm")
+        axes.grid(visible=False)
+        axes.spines[:].set_visible(False)
+        axes.locator_params(nbins=5 if columns > 1 else 8)
         panels.append((axes, layer))
     return figure, panels
 
@@ -166,21 +153,6 @@ def edges_of(grid: Grid) -> tuple[tuple[float, float], tuple[float, float]]:
     return (1e3 * (u[0] - du / 2), 1e3 * (u[-1] + du / 2)), (1e3 * (v[0] - dv / 2), 1e3 * (v[-1] + dv / 2))
 
 
-def _name_axes(axes: Axes, grid: Grid, layer: int, small: bool) -> None:
-    """Labels, limits and the height of one layer.
-
-    A turned grid has no coordinate axes: its labels say that they are offsets from the middle.
-    """
-    names = [line_words(e) for e in grid.axes]
-    off = "" if grid.aligned else ", off the middle"
-    axes.set(xlabel=f"{names[0]}{off} [mm]", ylabel=f"{names[1]}{off} [mm]", aspect="equal")
-    if grid.aligned and (len(grid.values[2]) > 1 or abs(grid.values[2][0]) > 1e-9):
-        axes.set_title(f"{names[2]} = {fixed(1e3 * grid.values[2][layer], 1)} mm")
-    axes.grid(visible=False)
-    axes.spines[:].set_visible(False)
-    axes.locator_params(nbins=5 if small else 8)
-
-
 def _corners(grid: Grid) -> tuple[Array, Array]:
     """(U + 1,) and (V + 1,) the edges of the cells [mm]."""
     (u0, u1), (v0, v1) = edges_of(grid)
@@ -188,7 +160,6 @@ def _corners(grid: Grid) -> tuple[Array, Array]:
 
 
 def _colour_failing(axes: Axes, canvas: Canvas, found: TargetMap, layer: int) -> None:
-    """The cells without a posture, by what keeps the arm from it: reach, an obstacle, itself, another requirement."""
     from matplotlib.collections import PolyCollection
 
     u, v = _corners(canvas.grid)
@@ -206,10 +177,8 @@ def _colour_failing(axes: Axes, canvas: Canvas, found: TargetMap, layer: int) ->
 
 
 def _outline_surroundings(axes: Axes, canvas: Canvas, found: TargetMap) -> None:
-    """The outlines of the base, of the obstacles and of the box for the target, as they are seen along the third axis.
-
-    Names stand on what is seen of the obstacles; one that reaches beyond the whole picture has no outline there.
-    """
+    """The outlines of the base, of the obstacles and of the box for the target, as they are seen along the third
+    axis."""
     (u0, v0), (u1, v1) = canvas.limits
     for obstacle in found.problem.scene.stated_obstacles:
         points = obstacle.facets(*found.grid.points[[0, -1]] + [[-_FAR], [_FAR]]).reshape(-1, 3)
@@ -241,28 +210,20 @@ def _mark(axes: Axes, canvas: Canvas, point: Array, layer: int, label: str, **lo
     """A mark at a point (3,) [m, world frame], where this layer is the nearest to it and the picture shows it."""
     (u, v, w), levels = canvas.grid.coordinates(point[None])[0], canvas.grid.values[2]
     here = int(np.argmin(np.abs(levels - w))) == layer and abs(levels[layer] - w) <= canvas.grid.sides[2] / 2 + 1e-9
-    if here and _seen(canvas.grid, 1e3 * u, 1e3 * v):
+    (u0, u1), (v0, v1) = edges_of(canvas.grid)
+    near = 1e-6 * max(u1 - u0, v1 - v0)  # what is on the edge is seen, whatever rounding says
+    if here and u0 - near <= 1e3 * u <= u1 + near and v0 - near <= 1e3 * v <= v1 + near:
         axes.plot(1e3 * u, 1e3 * v, ls="none", zorder=6, clip_on=False, label=label, **look)
 
 
-def _seen(grid: Grid, u: float, v: float) -> bool:
-    """Whether a point (u, v) [mm] lies in a cell, its edge included."""
-    (u0, u1), (v0, v1) = edges_of(grid)
-    near = 1e-6 * max(u1 - u0, v1 - v0)  # what is on the edge is seen, whatever rounding says
-    return u0 - near <= u <= u1 + near and v0 - near <= v <= v1 + near
-
-
 def mark_direction(axes: Axes, grid: Grid, direction: Array) -> None:
-    """The direction of the task as an arrow in a corner; nothing where it is not in the plane of the picture.
-
-    Args:
-        direction: (3,) unit vector, world frame.
-    """
+    """The direction of the task as an arrow in a corner; nothing where it is not in the plane of the picture;
+    ``direction`` (3,)."""
     along = grid.axes[:2] @ direction
     if np.linalg.norm(along) < 0.999:
         return
     (u0, u1), (v0, v1) = edges_of(grid)
-    length = _ARROW_SHARE * min(u1 - u0, v1 - v0)
+    length = 0.14 * min(u1 - u0, v1 - v0)
     start = np.array([u1, v1]) - 0.06 * min(u1 - u0, v1 - v0) - length * np.clip(along, 0, 1)
     arrow = {"arrowstyle": "-|>", "color": "black", "lw": 2, "shrinkA": 0, "shrinkB": 0}
     end = start + length * along
@@ -277,19 +238,13 @@ def finish(figure: Figure, panels: Sequence[tuple[Axes, int]], mesh: QuadMesh, l
     bar = figure.colorbar(mesh, ax=[axes for axes, _ in panels], aspect=25, ticks=MaxNLocator(7))
     bar.set_label(label)
     bar.outline.set_visible(False)
-    legend_below(figure)
+    legend(figure)
 
 
 def plot_line(grid: Grid, label: str, values: Array) -> Figure:
-    """Lengths (U,) [m] along a line of targets; stretches without a posture are hatched.
-
-    Args:
-        label: what the lengths are, without the unit.
-        values: (U,) [m], NaN where there is no posture.
-    """
+    """Lengths (U,) [m] along a line of targets; stretches without a posture are hatched; ``values`` (U,) [m]."""
     unit, scale = length_unit([float(np.nanmax(values))])
-    figure = new_figure(3.8)
-    axes = figure.add_subplot()
+    figure, axes = new_axes(3.8)
     axes.plot(1e3 * grid.values[0], scale * values, "o-", ms=4, color=BLUE)
     (left, right), _ = edges_of(grid)
     step, nowhere = (right - left) / len(values), np.flatnonzero(~np.isfinite(values))
@@ -300,5 +255,78 @@ def plot_line(grid: Grid, label: str, values: Array) -> Figure:
     axes.set(xlabel=f"{line_words(grid.axes[0])} [mm]", ylabel=f"{label} [{unit}]", xlim=(left, right))
     axes.set_ylim(bottom=0)
     if len(nowhere):
-        legend_below(figure)
+        legend(figure)
     return figure
+
+
+@styled
+def plot_bias(found: AccuracyMap) -> Figure:
+    """How far off the target the arm lands without its corrections [mm], and which way. Colours are the length of the
+    bias; arrows its part in the plane of the figure, all enlarged by the factor in the legend. Dots are measured rows,
+    in the same colours: where a dot vanishes in its cell, the prediction is true there."""
+    measured = None if found.measured is None else found.measured.uncorrected
+    return _plot(found, found.distance, "mean distance from the target, uncorrected", measured, arrows=True)
+
+
+@styled
+def plot_spread_map(found: AccuracyMap) -> Figure:
+    """The distance from its mean that the tool point keeps with 95 % probability [mm], over the targets. Axes are two
+    coordinates of the grid [mm], a panel a layer. Dots are measured rows in the same colours, with the corrections: 95
+    % of them should be no brighter than their cell."""
+    measured = None if found.measured is None else found.measured.corrected
+    return _plot(found, found.radius95, "distance from its mean, 95 % probability", measured, arrows=False)
+
+
+def _plot(found: AccuracyMap, values: Array, label: str, measured: Array | None, *, arrows: bool) -> Figure:
+    """One of both maps, or a curve where the targets are on a line; ``values`` (N,) [m], ``measured`` (M,) [m]."""
+    grid, targets = found.grid, found.targets
+    if grid.shape[:2] == (1, 1):
+        return plot_line(grid, label, values)
+    near = found.measured is not None and found.measured.near
+    canvas = Canvas.of(targets, values, None if measured is None else measured[near])
+    figure, panels = new_panels(canvas)
+    for axes, layer in panels:
+        mesh = draw_layer(axes, canvas, targets, values, layer)
+        if arrows:
+            _arrows(axes, canvas, found, layer)
+        if measured is not None:
+            _rows(axes, canvas, found, measured, layer)
+    finish(figure, panels, mesh, f"{label} [{canvas.unit}]")
+    return figure
+
+
+def _arrows(axes: Axes, canvas: Canvas, found: AccuracyMap, layer: int) -> None:
+    """The part of the bias in the plane of the figure, enlarged alike everywhere."""
+    grid = canvas.grid
+    inside = canvas.layers(found.bias @ grid.axes[:2].T)[layer]
+    longest = float(np.nanmax(np.linalg.norm(found.bias @ grid.axes[:2].T, axis=1)))
+    # Below 5 % of the longest, an arrow is a dot.
+    if longest <= 0.05 * float(np.nanmax(found.distance)):
+        return  # it lies across the figure
+    step = max(1, round(max(grid.shape[1:]) / 12))
+    cell = 1e3 * min(grid.sides[:2]) * step
+    # The longest arrow takes 0.9 of a cell's shorter side.
+    enlarged = 0.9 * cell / longest
+    at = np.meshgrid(1e3 * grid.values[0], 1e3 * grid.values[1])
+    shown = (slice(step // 2, None, step),) * 2
+    u, v = (part[shown] for part in at)
+    du, dv = (enlarged * inside[..., k][shown] for k in range(2))
+    # In the units of the axes, centred in its cell: the picture says where it goes, the colour how far.
+    axes.quiver(
+        u - du / 2, v - dv / 2, du, dv, angles="xy", scale_units="xy", scale=1, width=0.004, color="white",
+        edgecolor="black", linewidth=0.5, zorder=4,
+    )  # fmt: skip
+    label = f"which way, enlarged {float(f'{enlarged / 1e3:.2g}'):g}\N{MULTIPLICATION SIGN}"
+    axes.plot([], [], ls="none", marker=">", color="white", mec="black", ms=7, label=label)
+
+
+def _rows(axes: Axes, canvas: Canvas, found: AccuracyMap, lengths: Array, layer: int) -> None:
+    """Measured rows near this layer, in the colours of the cells; ``lengths`` (M,) [m]."""
+    assert found.measured is not None
+    measured, grid = found.measured, canvas.grid
+    mine = measured.near & (measured.cell // (grid.shape[1] * grid.shape[2]) == layer)
+    if mine.any():
+        u, v, _ = 1e3 * grid.coordinates(measured.place[mine]).T
+        size = float(np.clip(4000 / np.count_nonzero(mine), 12, 45))
+        look: Look = {"cmap": COLOUR_MAP, "norm": canvas.norm, "edgecolors": "white", "linewidths": 0.8, "zorder": 5}
+        axes.scatter(u, v, c=canvas.scale * lengths[mine], s=size, label="measured", clip_on=False, **look)

@@ -1,7 +1,7 @@
 """The colours of figures and pages, by name and by what they mean.
 
-Source: M. Okabe and K. Ito, "Color Universal Design" (2008): colour-blind readers can distinguish them. In grey print
-the lines of a figure are distinguished by their dashes, marks by their shapes.
+Source: M. Okabe and K. Ito, "Color Universal Design" (2008): colour-blind readers can distinguish them. In grey print,
+dashes and marks distinguish lines.
 """
 
 from __future__ import annotations

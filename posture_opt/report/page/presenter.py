@@ -6,20 +6,21 @@ The file ``report/results/some_thing_report.py`` presents the class ``SomeThing`
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from importlib import import_module
 from itertools import count
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar, cast
 
 from posture_opt.errors import InputError, Issue
 from posture_opt.numerics import Array, Mask, Progress
-from posture_opt.report.page.library import plotly_js
-from posture_opt.report.page.page import Page, View
+from posture_opt.report.page.page import Page, plotly_js
 from posture_opt.report.page.save import CAPTIONS, Files, report_files, save_files, summary_html
 from posture_opt.report.page.style import THUMBNAIL_DPI, image
-from posture_opt.report.text.blocks import Document, Summary
+from posture_opt.report.text.blocks import Block, Document, Summary
 from posture_opt.report.text.screen import on_a_screen
 from posture_opt.report.text.text import render, render_summary, terminal_width
 from posture_opt.result import Result, Summarised
@@ -81,25 +82,44 @@ class Presenter(SummaryPresenter[R]):
 
     Args:
         stem: of the JSON document, ``map`` of ``map.json``.
+        title: of a report whose problem has no name; ``heading`` of the summary, by default the title.
+        asked: the attribute of the result that has the problem; empty: the result itself.
+        plots: name of a figure -> function of the result that draws it.
         delivers: the further files of ``save`` that people look for.
     """
 
     stem: ClassVar[str]
+    title: ClassVar[str] = ""
+    heading: ClassVar[str] = ""
+    asked: ClassVar[str] = ""
+    plots: ClassVar[Mapping[str, Callable[[Any], Figure]]] = {}
     delivers: ClassVar[tuple[str, ...]] = ()
 
     @property
     def problem(self) -> ProblemData:
         """What was asked; its file is at the end of the page."""
-        return problem_of(self.result)
+        return cast("ProblemData", attrgetter(f"{self.asked}.problem" if self.asked else "problem")(self.result))
 
     @property
     def problem_file(self) -> str:
         """What stands at the end of the page: the text of the problem file; empty where there is no one file."""
         return self.problem.to_yaml()
 
-    @abstractmethod
+    def summary(self) -> Summary:
+        """What it is, and its three or four most important numbers."""
+        return Summary(f"{self.heading or self.title}: {self.problem.name}", tuple(self.facts()))
+
+    def facts(self) -> Iterable[tuple[str, str]]:
+        """The most important numbers with their labels."""
+        return ()
+
     def document(self) -> Document:
         """What the result has to say, with its tables and figures."""
+        return Document(self.problem.name or self.title, self.result.statements, tuple(self.blocks()))
+
+    def blocks(self) -> Iterable[Block]:
+        """Tables and figures of the report, a block a question."""
+        return ()
 
     @abstractmethod
     def columns(self) -> Columns:
@@ -119,11 +139,11 @@ class Presenter(SummaryPresenter[R]):
         saved = (*self.delivered(), f"{self.stem}.json")
         return render(report if full else on_a_screen(report, width, saved), width)
 
-    @abstractmethod
     def drawings(self) -> Drawings:
         """The figures, not drawn yet."""
+        return {name: partial(plot, self.result) for name, plot in self.plots.items()}
 
-    def view(self) -> View | None:
+    def view(self) -> Any:
         """The interactive view; None where there is nothing to choose from."""
         return None
 
@@ -158,10 +178,7 @@ class Presenter(SummaryPresenter[R]):
         return save_files(folder, {**self.contents(figures=figures, progress=progress), **beside})
 
     def contents(self, *, figures: bool = True, progress: Progress | None = None) -> Files:
-        """File name -> content of all that `save` writes.
-
-        ``progress`` is called for document and page, and of each figure three times: drawn, as PNG, as SVG.
-        """
+        """File name -> content of all that `save` writes."""
         drawings = self.drawings() if figures else {}
         parts, done = 3 * len(drawings) + 2, count(1)
 
@@ -186,7 +203,6 @@ class Presenter(SummaryPresenter[R]):
         return page.html(), image(drawn, "png", THUMBNAIL_DPI)
 
     def _page(self, pictures: bool) -> Page:
-        """The page without its figures: with the interactive view where there is one and what draws it is installed."""
         report = self.document().whole
         viewed = pictures and type(self).view is not Presenter.view
         view = self.view() if viewed and plotly_js() else None

@@ -1,24 +1,26 @@
-"""The files of a report: JSON, text, one page with the figures inside, figures as PNG and SVG; all of them or none."""
+"""The files of a report: JSON, text, CSV, one page with the figures inside, figures as PNG and SVG; all or none."""
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from posture_opt.manifest import Manifest
-from posture_opt.numerics import Json
-from posture_opt.output import json_text, write_folder
+from posture_opt.numerics import Array, Json, Mask
+from posture_opt.output import json_text, manifest_of, write_folder
 from posture_opt.report.page.page import Page
 from posture_opt.report.page.style import image
 from posture_opt.report.text.blocks import Summary
 from posture_opt.report.text.text import render
+from posture_opt.texts import csv_line
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
 
 CAPTIONS = {
     "arm": "The arm in its posture, with the 95 % region of the tool point (enlarged as stated).",
@@ -59,21 +61,19 @@ _JSON = (
     *("solution", "spread", "calibration", "diagnosis", "plan", "map", "assessment", "spread_check"),
     *("comparison", "compensation", "answers", "recheck"),
 )
+_ARMS = ("calibrated", "extended", "rechecked")
 ALWAYS = frozenset(("report.txt", "report.html"))
 """What every report writes."""
 
-OWN_FILES = ALWAYS | frozenset(
-    (
+OWN_FILES = frozenset(
+    {
+        *ALWAYS,
         *(f"{name}.json" for name in _JSON),
-        *(
-            f"{name}{end}"
-            for name in ("calibrated", "extended", "rechecked")
-            for end in (".yaml", "_covariance.csv", ".urdf")
-        ),
-        *("cloud.csv", "plan_points.csv", "uncertainty.yaml", "map.csv", "postures.csv"),
-        *("compensated.csv", "answers.csv"),
+        *(f"{name}{end}" for name in _ARMS for end in (".yaml", "_covariance.csv", ".urdf")),
+        *(f"{name}.csv" for name in ("cloud", "plan_points", "map", "postures", "compensated", "answers")),
         *(f"{name}.{kind}" for name in CAPTIONS for kind in ("png", "svg")),
-    )
+        "uncertainty.yaml",
+    }
 )
 """Every name that a report's files may have: of an earlier run they would speak of another problem.
 
@@ -107,13 +107,7 @@ def report_files(
     figures: Mapping[str, Figure],
     made: Callable[[bytes], bytes] = bytes,
 ) -> Files:
-    """File name -> content of a report: its document as ``{name}.json``, report.txt, report.html, the figures.
-
-    Args:
-        document: plain data; ``page`` the report without its pictures, which are added.
-        figures: drawn; each becomes a PNG of 150 dpi and an SVG.
-        made: called with each picture and returns it, for a progress bar.
-    """
+    """File name -> content of a report: its document as ``{name}.json``, report.txt, report.html, the figures."""
     files = {f"{name}.json": (json_text(document) + "\n").encode(), "report.txt": render(page.report).encode()}
     images = {figure: made(image(drawn, "png")) for figure, drawn in figures.items()}
     files |= {f"{figure}.png": data for figure, data in images.items()}
@@ -129,5 +123,15 @@ def save_files(folder: Path, files: Files) -> tuple[Path, ...]:
     Raises:
         InputError: the folder cannot be written to, or has a file of such a name that is not of this program.
     """
-    pages = {name for name in Manifest.of(folder).names if _OWN_PAGE.fullmatch(name)}
+    pages = {name for name, _ in manifest_of(folder) if _OWN_PAGE.fullmatch(name)}
     return write_folder(folder, files, replaces=OWN_FILES | pages)
+
+
+def map_csv(columns: Mapping[str, Sequence[Any] | Array | Mask], joints: int, decimals_of_joints: int = 6) -> str:
+    """The table of a map as a file: places to 0.1 µm, joints to so many decimals of deg or mm, the rest to six."""
+    headers = list(columns)
+    decimals = dict.fromkeys(headers[:3], 4) | {"feasible": 0, "listed": 0}
+    decimals |= dict.fromkeys(headers[-joints:], decimals_of_joints)
+    styles = {head: f".{decimals[head]}f" if head in decimals else ".6g" for head in headers}
+    cells = [["" if math.isnan(v) else format(v + 0.0, styles[head]) for v in columns[head]] for head in headers]
+    return "".join(csv_line(row) + "\n" for row in (headers, *zip(*cells, strict=True)))

@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from posture_opt.report.page.presenter import Columns
+from posture_opt.report.parts.parts import joint_columns, joint_heads, point_columns
 from posture_opt.report.parts.task_parts import critical_size
 from posture_opt.report.text.blocks import Block, Facts, Table
 from posture_opt.report.text.words import direction_words
-from posture_opt.selection.answer.placement import COORDINATES, placement_text
-from posture_opt.selection.answer.shared_placement import PlacementFigure
+from posture_opt.selection.answer.placement import COORDINATES, PlacementFigure, placement_text
 from posture_opt.statements.notation import (
     angle,
     joint_unit,
@@ -27,8 +28,7 @@ from posture_opt.uncertainty.spread.joint_digits import readable_digits
 from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:
-    from posture_opt.selection.answer.placement import PlacementRange
-    from posture_opt.selection.answer.shared_placement import Placement
+    from posture_opt.selection.answer.placement import Placement
     from posture_opt.selection.answer.solution import Solution
 
 
@@ -40,25 +40,19 @@ def placement_of(found: Solution) -> Placement:
 
 def features_facts(found: Solution) -> list[tuple[str, str]]:
     """How many features are asked for, and where the workpiece may stand."""
-    return [
-        ("Direction", f"{direction_words(np.array(found.task.direction))} in the frame of the workpiece"),
-        ("Features", f"{len(found.names)}, in one placement of the workpiece"),
-        ("Range", _range(placement_of(found))),
-    ]
-
-
-def _range(placement: PlacementRange) -> str:
-    """Where the workpiece may stand."""
-    texts = []
+    placement, texts = placement_of(found), []
     for k, name in enumerate(COORDINATES):
         write = stated_angle if k == 3 else stated_length
         low, high = write(float(placement.lower[k])), write(float(placement.upper[k]))
         texts.append(f"{name} {low} to {high}" if placement.free[k] else f"{name} {low}")
-    return ", ".join(texts)
+    return [
+        ("Direction", f"{direction_words(np.array(found.task.direction))} in the frame of the workpiece"),
+        ("Features", f"{len(found.names)}, in one placement of the workpiece"),
+        ("Range", ", ".join(texts)),
+    ]
 
 
 def _sigma_unit(found: Solution) -> tuple[str, float]:
-    """The unit of all standard deviations of the report, and the factor from m to it: that of the answer."""
     return length_unit([float(s) for s in found.sigmas])
 
 
@@ -70,7 +64,7 @@ def features_block(found: Solution) -> Block:
     p_success = [station.success_probability for station in found.stations]
     known = all(p is not None for p in p_success)
     headers = ["feature", f"std. dev. [{unit}]", *(["success [%]"] if known else [])]
-    headers += [f"{joint.name} [{joint_unit(joint.type)[0]}]" for joint in joints]
+    headers += joint_heads(found.optimisation_problem.robot)
     rows = []
     for k, (name, station) in enumerate(zip(found.names, found.stations, strict=True)):
         row = [name, number(float(found.sigmas[k]) * factor), *([_share(p_success[k])] if known else [])]
@@ -85,7 +79,6 @@ def features_block(found: Solution) -> Block:
 
 
 def _share(p: float | None) -> str:
-    """A probability in percent, as tables have it."""
     return "" if p is None else probability(p).removesuffix(" %")
 
 
@@ -149,14 +142,12 @@ def features_figures(found: Solution) -> list[tuple[str, str]]:
     return facts
 
 
-def features_columns(found: Solution) -> dict[str, list[object]]:
+def features_columns(found: Solution) -> Columns:
     """A row for each feature."""
-    joints = {joint.name: joint_unit(joint.type) for joint in found.optimisation_problem.robot.joints}
     stations = found.stations
-    points = np.array([station.spread.position for station in stations])
     return {
         "feature": list(found.names[: len(stations)]),
-        **{f"{name} [{unit}]": [s.posture[name] * k for s in stations] for name, (unit, k) in joints.items()},
-        **{f"{c} [mm]": (1e3 * points[:, i]).tolist() for i, c in enumerate("xyz")},
+        **joint_columns(found.optimisation_problem.robot, np.array([station.q for station in stations])),
+        **point_columns(np.array([station.spread.position for station in stations])),
         "sigma_max [mm]": (1e3 * found.sigmas).tolist(),
     }

@@ -1,7 +1,9 @@
-"""The report on what a model gets wrong: errors by direction, the rules of measuring, whether the rest is scatter."""
+"""Reports on what a model gets wrong, whether the rest is scatter, and whether the predicted spread is true."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable, Iterable
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -10,21 +12,21 @@ import numpy as np
 from posture_opt.report.figures.residual_scatter import plot_region, plot_repeats, plot_shape
 from posture_opt.report.figures.residual_trends import plot_residuals_over_inputs, plot_residuals_over_joints
 from posture_opt.report.figures.residuals import Shown, plot_residual_vectors
+from posture_opt.report.figures.spread_check import plot_joint_scatter, plot_reliability
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter, problem_of
-from posture_opt.report.text.blocks import Block, Document, Facts, Summary, Table
+from posture_opt.report.text.blocks import Block, Facts, Table
 from posture_opt.report.text.words import MODEL_NAMES, direction_words, line_words
 from posture_opt.statements import p_value
-from posture_opt.statements.notation import angle_error, count, length, lengths, percent, shift
+from posture_opt.statements.notation import angle_error, count, length, lengths, percent, shift, stated_length
 from posture_opt.units import fixed, number
 from posture_opt.validation.assessment import NORMAL_TAIL, Assessment
+from posture_opt.validation.spread_check import SpreadCheck
 
 if TYPE_CHECKING:
-    from posture_opt.selection.problem_data import ProblemData
     from posture_opt.validation.model_errors import ModelErrors
-    from posture_opt.validation.repeatability_tests import Distances, Repeats
+    from posture_opt.validation.repeatability_tests import Repeats
 
 _TOTALS = {1: "in all", 2: "in the plane", 3: "in space"}
-_ZERO_MEAN_SHARE = 0.1  # of its standard error: a mean that a fit has made zero, as chance hardly would on all axes
 MODELS = {name: MODEL_NAMES[name] for name in ("nominal", "calibrated")}
 
 
@@ -46,9 +48,13 @@ def directions_block(found: Assessment) -> Block:
     models = {name: getattr(found, name) for name in MODELS}
     smallest = min(d.rms for model in models.values() for d in model.deviations)
     decimals = 3 if smallest >= 1e-5 or smallest <= 0 else 4
+    data, d = found.calibration.request.data, found.direction
+    names = dict(zip("xyz", data.kind.axis_names, strict=False)) | {"all": _TOTALS[len(found.axes)]}
+    if d is not None:
+        names |= {"along": f"along the task ({direction_words(d)})", "across": "across the task"}
     rows = tuple(
         (
-            _direction_name(found, pair[0].name) if k == 0 else "",
+            names[pair[0].name] if k == 0 else "",
             model,
             *(fixed(1e3 * value, decimals) for value in (d.bias, d.rms, d.mean, d.p95, d.max)),
         )
@@ -57,32 +63,20 @@ def directions_block(found: Assessment) -> Block:
     )
     headers = ("measured minus model [mm]", "model", "bias", "RMS", "mean", "95 % below", "max")
     how = "Bias keeps its sign; RMS, mean, 95 % and max are of the length of the error vector."
-    figure = "residual_vectors" if len(found.calibration.request.data.kind.axis_names) == 3 else ""
+    figure = "residual_vectors" if len(data.kind.axis_names) == 3 else ""
     return Block("Errors by direction", (how, Table(headers, rows, text_columns=2)), figure)
-
-
-def _direction_name(found: Assessment, name: str) -> str:
-    """The axis itself, the total, or along and across the task."""
-    if name in ("along", "across"):
-        assert found.direction is not None
-        return f"along the task ({direction_words(found.direction)})" if name == "along" else "across the task"
-    names = found.calibration.request.data.kind.axis_names
-    return _TOTALS[len(found.axes)] if name == "all" else names["xyz".index(name)]
 
 
 def goals_block(found: Assessment) -> Block:
     """How far apart the postures of one target land: an error that does not depend on the posture cancels here."""
     goals = found.goals
     assert goals is not None
-    rows = [("measured apart", *_distance_cells(goals.measured))]
-    rows += [(f"predicted apart, {words}", *_distance_cells(goals.said[name])) for name, words in MODELS.items()]
-    rows += [(f"prediction error, {words}", *_distance_cells(goals.missed[name])) for name, words in MODELS.items()]
+    apart = {"measured apart": goals.measured}
+    apart |= {f"predicted apart, {words}": goals.said[name] for name, words in MODELS.items()}
+    apart |= {f"prediction error, {words}": goals.missed[name] for name, words in MODELS.items()}
+    rows = [(what, *(fixed(1e3 * v, 3) for v in (d.median, d.p95, d.max))) for what, d in apart.items()]
     text = f"{count(goals.goals, 'target')} with two postures or more, {count(goals.pairs, 'pair')} of postures."
     return Block("One target, several postures", (text, Table(("[mm]", "median", "95 % below", "max"), tuple(rows))))
-
-
-def _distance_cells(d: Distances) -> tuple[str, ...]:
-    return tuple(fixed(1e3 * value, 3) for value in (d.median, d.p95, d.max))
 
 
 def mean_block(found: Assessment) -> Block:
@@ -93,15 +87,13 @@ def mean_block(found: Assessment) -> Block:
 
 
 def _mean_cells(model: ModelErrors) -> tuple[str, ...]:
-    """Mean, standard error and p-value over all rows, and how many parts have a mean that is not zero.
-
-    A mean below a tenth of its standard error on all axes is one that the fit has made zero.
-    """
+    """Mean, standard error and p-value over all rows, and how many parts have a mean that is not zero."""
     off = f"{sum(not block.zero for block in model.blocks)} of {len(model.blocks)}" if model.blocks else "not tested"
     test = model.mean
     if test is None:
         return "fitted", "", "", off
-    if np.all(np.abs(test.mean) <= _ZERO_MEAN_SHARE * test.error):
+    # Below a tenth of its standard error on all axes, the fit has made the mean zero: chance hardly would.
+    if np.all(np.abs(test.mean) <= 0.1 * test.error):
         return "zero, as fitted", "", "", off
     mean, error = test.mean.tolist(), test.error.tolist()
     return shift(mean), shift(error, among=mean), p_value(test.p_value), off
@@ -183,34 +175,25 @@ class AssessmentPresenter(Presenter[Assessment]):
     """What a model gets wrong, and whether what remains is scatter: one line of answer, then a block for each rule."""
 
     stem = "assessment"
+    title = "Assessment"
+    heading = "Assessment of a calibration"
+    asked = "calibration.request"
 
-    @property
-    def problem(self) -> ProblemData:
-        """The problem whose arm was calibrated."""
-        return problem_of(self.result.calibration.request)
+    def facts(self) -> Iterable[tuple[str, str]]:
+        found, left = self.result, self.result.residual_scatter
+        yield "Rows", f"{found.rows} in {found.poses} poses"
+        for name, words in MODELS.items():
+            yield words.capitalize(), f"{length(getattr(found, name).coordinate)} a coordinate"
+        if left is not None:
+            yield "In its 95 % region", f"{percent(left.inside)} of the rows"
 
-    def summary(self) -> Summary:
-        """Rows and poses, errors before and after, share of the rows in the 95 % region of the residuals."""
-        found = self.result
-        errors = [
-            (words.capitalize(), f"{length(getattr(found, name).coordinate)} a coordinate")
-            for name, words in MODELS.items()
-        ]
-        left = found.residual_scatter
-        inside = [] if left is None else [("In its 95 % region", f"{percent(left.inside)} of the rows")]
-        facts = (("Rows", f"{found.rows} in {found.poses} poses"), *errors, *inside)
-        return Summary(f"Assessment of a calibration: {self.problem.name}", facts)
-
-    def document(self) -> Document:
-        """Errors by direction, and a block for each rule of measuring."""
-        return Document(self.problem.name or "Assessment", self.result.statements, assessment_blocks(self.result))
+    def blocks(self) -> Iterable[Block]:
+        return assessment_blocks(self.result)
 
     def drawings(self) -> Drawings:
-        """Residuals over everything that they may depend on."""
         return assessment_drawings(self.result)
 
     def columns(self) -> Columns:
-        """Standard deviation of an error coordinate [m], a row each for the nominal and the calibrated model."""
         found = self.result
         return {
             "model": ["nominal", "calibrated"],
@@ -219,11 +202,7 @@ class AssessmentPresenter(Presenter[Assessment]):
 
 
 def assessment_drawings(found: Assessment) -> Drawings:
-    """Residuals over everything that they may depend on.
-
-    Region and distribution need enough poses for a covariance, the figure of repeats needs repeated postures; each is
-    left out otherwise.
-    """
+    """Residuals over everything that they may depend on."""
     rows = Shown.of(found.calibration)
     spatial = len(rows.data.kind.axis_names) == 3
     drawings: Drawings = {
@@ -238,3 +217,112 @@ def assessment_drawings(found: Assessment) -> Drawings:
     if found.repeats is not None:
         drawings["residual_repeats"] = partial(plot_repeats, problem_of(found.calibration.request), rows, found)
     return drawings
+
+
+_MAX_POSTURES = 8
+
+
+def spread_check_blocks(found: SpreadCheck) -> tuple[Block, ...]:
+    """Coverage of the predicted regions, repeats against the prediction, scatter of each joint where estimated."""
+    noise = (joints_block(found),) if found.noise is not None else ()
+    return coverage_block(found), predicted_repeats_block(found), *noise
+
+
+def coverage_block(found: SpreadCheck) -> Block:
+    """How much of what was measured the predicted regions hold.
+
+    Columns, a row a model:
+      contains: share of the measured points in their region, with its 95 % interval;
+      if correct: range in which that share would lie if the prediction were true;
+      scale by: factor on all standard deviations that would make it true, with its interval.
+    """
+    how = "Each row is compared with the region that a fit without it predicts for its posture, instrument included."
+    rows = []
+    for name, c in found.coverage.items():
+        shares = (" to ".join(map(percent, ends)) for ends in (c.interval, c.expected))
+        factors = number(c.factor), " to ".join(map(number, c.factor_interval))
+        rows.append((MODEL_NAMES[name], percent(c.share), *shares, *factors))
+    headers = ("95 % region", "contains", "95 % interval", "if correct", "scale by", "95 % interval")
+    return Block("Coverage of the predicted spread", (how, Table(headers, tuple(rows))), "truth_coverage")
+
+
+def predicted_repeats_block(found: SpreadCheck) -> Block:
+    """One row a posture, the most repeated first: measured and predicted size [mm], ratio, p of size and of shape."""
+    title, test = "Repeats against the predicted scatter", found.repeats
+    if test is None:
+        return Block(title, ())
+    headers = ("line", "repeats", "measured [mm]", "predicted [mm]", "ratio", "p, size", "p, shape", "as predicted")
+    rows = tuple(
+        (
+            str(pose.line), str(pose.n), number(1e3 * pose.measured), number(1e3 * pose.predicted),
+            number(pose.factor), p_value(pose.p_size), "" if math.isnan(pose.p_shape) else p_value(pose.p_shape),
+            "yes" if pose.true else "no",
+        )
+        for pose in test.poses[:_MAX_POSTURES]
+    )  # fmt: skip
+    more = [f"and {test.groups - _MAX_POSTURES} more"] if test.groups > _MAX_POSTURES else []
+    return Block(title, (Table(headers, rows, text_columns=0), *more))
+
+
+def joints_block(found: SpreadCheck) -> Block:
+    """σ of each joint and of the instrument; a joint that hardly moves the tool point is "undetermined"."""
+    noise = found.noise
+    assert noise is not None
+    rows = []
+    for name, given, sigma, std, ends, known in zip(
+        noise.names, found.stated_sigma, noise.sigma, noise.std, noise.interval, found.shown, strict=True
+    ):
+        stated, write = (stated_length, length) if name.endswith(".d") else (angle_error, angle_error)
+        values = tuple(map(float, (sigma, std, *ends)))
+        cells = (
+            _cells(values, partial(write, digits=2)) if known else ("undetermined", "", "hardly moves the tool point")
+        )
+        rows.append((name, stated(float(given)) if given else "", *cells))
+    values = (noise.instrument, noise.instrument_std, *noise.instrument_interval)
+    known = math.isfinite(noise.instrument_std)
+    among = [noise.instrument_interval[1]]
+    cells = _cells(values, partial(length, digits=2, among=among)) if known else ("undetermined", "", "not separable")
+    rows.append(("instrument", stated_length(found.instrument), *cells))
+    headers = ("scatter (standard deviation)", "stated", "estimated", "std. error", "95 % interval")
+    return Block("Scatter of each joint", (Table(headers, tuple(rows)),), "truth_joints")
+
+
+def _cells(values: tuple[float, ...], write: Callable[[float], str]) -> tuple[str, str, str]:
+    sigma, std, low, high = values
+    # Less than 1e-3 of the upper end is zero.
+    zero = 1e-3 * high
+    interval = f"below {write(high)}" if low <= zero else f"{write(low)} to {write(high)}"
+    return write(sigma) if sigma > zero else "0", write(std), interval
+
+
+class SpreadCheckPresenter(Presenter[SpreadCheck]):
+    """Predicted spread against measured errors."""
+
+    stem = "spread_check"
+    title = "Spread"
+    heading = "Check of the predicted spread"
+    asked = "calibration.request"
+
+    def facts(self) -> Iterable[tuple[str, str]]:
+        found = self.result
+        for name, p in found.coverage95.items():
+            yield f"In 95 % regions, {MODEL_NAMES[name]}", percent(p)
+        if found.repeat_sigma:
+            yield "Between repeats", length(found.repeat_sigma)
+        yield "Left by the calibration", f"{length(found.residual_rms)} a coordinate (RMS)"
+
+    def blocks(self) -> Iterable[Block]:
+        return spread_check_blocks(self.result)
+
+    def drawings(self) -> Drawings:
+        return spread_check_drawings(self.result)
+
+    def columns(self) -> Columns:
+        shares = self.result.coverage95
+        return {"model": list(shares), "share in the 95 % region": list(shares.values())}
+
+
+def spread_check_drawings(found: SpreadCheck) -> Drawings:
+    """Coverage of the predicted regions, and the scatter of the joints where it was estimated."""
+    joints: Drawings = {} if found.noise is None else {"truth_joints": partial(plot_joint_scatter, found)}
+    return {"truth_coverage": partial(plot_reliability, found), **joints}

@@ -1,31 +1,30 @@
-"""The report on a batch of robots of one type: how they differ, and what that makes of the problem file.
-
-Each robot is calibrated by itself. Across the batch, mean and standard deviation of each parameter are estimated, less
-the standard errors of the estimates, and the correlations between parameters.
-"""
+"""Reports on several robots of one type, calibrated or diagnosed: how they differ, and what they have in common."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
+from posture_opt.model.effects.base.cause import FittedSizes
+from posture_opt.problem.effects_section import of_a_type
 from posture_opt.problem.fitted_problem import batch_yaml
 from posture_opt.report.figures.batch import plot_batch
-from posture_opt.report.measured_parts.error_table import error_table
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter, problem_of
 from posture_opt.report.page.save import Files
+from posture_opt.report.parts.model_tables import error_table
 from posture_opt.report.parts.parts import note_facts, robot_facts
-from posture_opt.report.text.blocks import Block, Document, Facts, Summary, Table
+from posture_opt.report.text.blocks import Block, Facts, Table
 from posture_opt.report.text.words import MODEL_NAMES
+from posture_opt.statements import p_value
 from posture_opt.statements.notation import count, decimals_of, percent
 from posture_opt.units import ERROR_UNITS, fixed, number
 
 if TYPE_CHECKING:
-    from posture_opt.batch.batch_calibration import Batch
+    from posture_opt import Batch, BatchDiagnosis
 
 _MAX_ROBOTS = 20
-_MAX_PAIRS = 8
 
 
 def batch_blocks(found: Batch) -> tuple[Block, ...]:
@@ -34,7 +33,6 @@ def batch_blocks(found: Batch) -> tuple[Block, ...]:
 
 
 def _data_block(found: Batch) -> Block:
-    """The file, the robots with their number of rows, and what looks odd in either."""
     data, problem = found.data, problem_of(found)
     names = ", ".join(found.robots[:_MAX_ROBOTS]) + (" …" if len(found.robots) > _MAX_ROBOTS else "")
     facts = [
@@ -89,13 +87,12 @@ def _spread_block(found: Batch) -> Block:
 
 
 def _pairs_block(found: Batch) -> Block:
-    """Which parameters vary together; the level of 5 % is that of all pairs together."""
     rows = tuple(
         (
             f"{p.a}, {p.b}", fixed(p.correlation), " to ".join(map(fixed, p.interval)),
             fixed(p.stated) if p.stated else "", "yes" if p.significant else "no",
         )
-        for p in found.known_pairs[:_MAX_PAIRS]
+        for p in found.known_pairs[:8]
     )  # fmt: skip
     table = Table(("parameters", "correlation", "95 % interval", "stated", "significant"), rows)
     return Block("Correlations between parameters", (table,) if rows else (), "batch")
@@ -114,30 +111,30 @@ def batch_facts(found: Batch) -> tuple[tuple[str, str], ...]:
     )
 
 
+def batch_drawings(found: Batch) -> Drawings:
+    """How two parameters vary together, where there are two."""
+    return {"batch": partial(plot_batch, problem_of(found), found)} if found.pairs else {}
+
+
 class BatchPresenter(Presenter["Batch"]):
     """Several robots of one type, calibrated; ``uncertainty.yaml`` holds how they differ."""
 
     stem = "calibration"
-    delivers: ClassVar[tuple[str, ...]] = ("uncertainty.yaml",)
+    title = "Batch"
+    heading = "Calibration of several robots of one type"
+    delivers = ("uncertainty.yaml",)
 
-    def summary(self) -> Summary:
-        """Robots, errors, determined parameters, correlations."""
-        return Summary(f"Calibration of several robots of one type: {self.problem.name}", batch_facts(self.result))
+    def facts(self) -> Iterable[tuple[str, str]]:
+        return batch_facts(self.result)
 
-    def document(self) -> Document:
-        """The whole report, a block a question."""
-        return Document(self.problem.name or "Batch", self.result.statements, batch_blocks(self.result))
+    def blocks(self) -> Iterable[Block]:
+        return batch_blocks(self.result)
 
     def drawings(self) -> Drawings:
-        """How two parameters vary together, where there are two."""
-        found = self.result
-        return {"batch": partial(plot_batch, self.problem, found)} if found.pairs else {}
+        return batch_drawings(self.result)
 
     def columns(self) -> Columns:
-        """Mean and standard deviation of each parameter across the batch, SI units.
-
-        "mean deviation" is from the file, "sigma across" between robots, "sigma stated" that of the file or 0.
-        """
+        """Mean and standard deviation of each parameter across the batch, SI units, next to the stated ones."""
         found = self.result
         return {
             "parameter": found.names,
@@ -149,5 +146,41 @@ class BatchPresenter(Presenter["Batch"]):
         }
 
     def files(self) -> Files:
-        """The section for the problem file."""
         return {"uncertainty.yaml": batch_yaml(self.problem, self.result).encode()}
+
+
+def _causes(found: BatchDiagnosis) -> Block:
+    rows = []
+    for finding in found.effects:
+        sizes = ", ".join(f"{size.label} {size}" for size in finding.cause.sizes(FittedSizes(finding.estimate)))
+        rows.append((finding.cause.label, sizes, p_value(finding.p_value)))
+    table = Table(("cause", "size", "p-value"), tuple(rows), text_columns=3)
+    return Block("Causes", (table,) if rows else ())
+
+
+class BatchDiagnosisPresenter(Presenter["BatchDiagnosis"]):
+    """What several robots of one type show together; ``uncertainty.yaml`` is the section for their problem file."""
+
+    stem = "diagnosis"
+    title = "Diagnosis"
+    heading = "Diagnosis of several robots of one type"
+    asked = "batch"
+    delivers = ("uncertainty.yaml",)
+
+    def facts(self) -> Iterable[tuple[str, str]]:
+        named = "; ".join(f.cause.label for f in self.result.effects) or "none"
+        return ("Verdict", self.result.verdict), ("Causes", named), *batch_facts(self.result.batch)[:3]
+
+    def blocks(self) -> Iterable[Block]:
+        return _causes(self.result), *batch_blocks(self.result.batch)
+
+    def drawings(self) -> Drawings:
+        return batch_drawings(self.result.batch)
+
+    def columns(self) -> Columns:
+        return {name: [getattr(f, name) for f in self.result.effects] for name in ("kind", "target", "p_value")}
+
+    def files(self) -> Files:
+        noises = [f.noise for f in self.result.effects if f.noise is not None]
+        of_arm = [noise for noise in noises if noise.of_arm and not of_a_type(noise)]
+        return {"uncertainty.yaml": batch_yaml(self.problem, self.result.batch, of_arm).encode()}

@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from functools import partial
 from typing import TYPE_CHECKING
 
-from posture_opt.report.figures.comparison import plot_comparison
+from posture_opt.report.figures.errors import plot_comparison
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter
-from posture_opt.report.parts.comparison_parts import TITLE, comparison_blocks, success_text
+from posture_opt.report.parts.model_tables import TITLE, comparison_blocks, success_text
+from posture_opt.report.parts.parts import joint_cells, joint_heads
 from posture_opt.report.text.blocks import Block, Document, Facts, Summary, Table
 from posture_opt.report.text.words import MODEL_NAMES
-from posture_opt.selection.comparison.comparison_statements import FIRST, is_other_arm
-from posture_opt.statements.notation import decimals_of, joint_unit, joint_value, length, length_unit
+from posture_opt.selection.comparison.comparison import FIRST, is_other_arm
+from posture_opt.statements.notation import decimals_of, length, length_unit
 from posture_opt.units import fixed
 
 if TYPE_CHECKING:
-    from posture_opt.selection.answer.solution import Solution
-    from posture_opt.selection.comparison.comparison import ComparedAnswer, Comparison
+    from posture_opt import Comparison
+    from posture_opt.selection.comparison.predicted_error import JudgedAnswer
 
-_MAX_REASONS = 4
 _MAX_POSTURES = 8  # of one answer
 
 
@@ -29,25 +29,35 @@ class ComparisonPresenter(Presenter["Comparison"]):
     stem = "comparison"
 
     def summary(self) -> Summary:
-        found = self.result
-        if not found.reference:
-            facts = [(name, _short(name, arm)) for name, arm in found.arms.items()]
-            return Summary(f"Comparison: {self.problem.name}", tuple(facts))
-        facts = [
-            (MODEL_NAMES.get(name, name).capitalize(), _within(column.judged[found.reference].critical_error))
-            for name, column in found.answered.items()
-        ]
-        why = [("No posture", reason) for reason in found.reasons[:_MAX_REASONS]]
-        return Summary(f"{TITLE}: {self.problem.name}", (*facts, *why))
+        found, radius = self.result, "within {} of the target (95 % probability)"
+        if found.reference:
+            facts = [
+                (
+                    MODEL_NAMES.get(name, name).capitalize(),
+                    radius.format(length(column.judged[found.reference].critical_error)),
+                )
+                for name, column in found.answered.items()
+            ]
+            why = [("No posture", reason) for reason in found.reasons[:4]]
+            return Summary(f"{TITLE}: {self.problem.name}", (*facts, *why))
+        facts = []
+        for name, arm in found.arms.items():
+            own = arm.judged[name] if arm.stations else None
+            says = "" if own is None else f"σ {length(own.sigma_max)}, {radius.format(length(own.critical_error))}"
+            facts.append((name, says or "cannot do the task"))
+        return Summary(f"Comparison: {self.problem.name}", tuple(facts))
 
     def document(self) -> Document:
+        title = TITLE if self.result.reference else "Comparison"
+        return Document(self.problem.name or title, self.result.statements, tuple(self.blocks()))
+
+    def blocks(self) -> Iterable[Block]:
         found = self.result
         if found.reference:
-            return Document(self.problem.name or TITLE, found.statements, comparison_blocks(found))
+            return comparison_blocks(found)
         reasons = tuple((name, reason) for name, arm in found.arms.items() for reason in arm.reasons)
         failed = [Block("No answer", (Table(("arm", "because"), reasons, 2),))] if reasons else []
-        blocks = (_own_block(found), *_judged_blocks(found), *_posture_blocks(found), *failed)
-        return Document(self.problem.name or "Comparison", found.statements, blocks)
+        return *_judged_blocks(found), *_posture_blocks(found), *failed
 
     def drawings(self) -> Drawings:
         """Predicted errors of all answers, by the reference or by each arm."""
@@ -62,7 +72,15 @@ class ComparisonPresenter(Presenter["Comparison"]):
         """
         found = self.result
         if found.reference:
-            return _plan_columns(found)
+            chosen, robot = found.answered, found.problem.robot
+            judged = [column.judged[found.reference] for column in chosen.values()]
+            postures = [column.stations[0].posture for column in chosen.values()]
+            return {
+                "model": list(chosen),
+                **{f"{name} [rad or m]": [posture[name] for posture in postures] for name in robot.joint_names},
+                "sigma_max [m]": [plan.sigma_max for plan in judged],
+                "critical error [m]": [plan.critical_error for plan in judged],
+            }
         pairs = [(name, judge, plan) for name, arm in found.arms.items() for judge, plan in arm.judged.items()]
         return {
             "planned with": [name for name, _, _ in pairs],
@@ -81,108 +99,51 @@ def comparison_drawings(comparison: Comparison | None) -> Drawings:
     return {"predicted_error": partial(plot_comparison, comparison)}
 
 
-def _plan_columns(found: Comparison) -> Columns:
-    """The posture of each model, and its error as the reference predicts it, SI units."""
-    chosen = found.answered
-    judged = [column.judged[found.reference] for column in chosen.values()]
-    return {
-        "model": list(chosen),
-        **{
-            f"{name} [rad or m]": [column.stations[0].posture[name] for column in chosen.values()]
-            for name in found.problem.robot.joint_names
-        },
-        "sigma_max [m]": [plan.sigma_max for plan in judged],
-        "critical error [m]": [plan.critical_error for plan in judged],
-    }
-
-
-def _short(name: str, arm: ComparedAnswer) -> str:
-    if not arm.stations:
-        return "cannot do the task"
-    own = arm.judged[name]
-    return f"σ {length(own.sigma_max)}, {_within(own.critical_error)}"
-
-
-def _within(radius: float) -> str:
-    return f"within {length(radius)} of the target (95 % probability)"
-
-
-def _own_block(found: Comparison) -> Block:
-    unit, factor = _unit(found)
-    rows = []
-    for name, arm in found.answered.items():
-        own = arm.judged[name]
-        rows.append(
-            (
-                name,
-                *_numbers((own.sigma_max, own.critical_error), own.sigma_max, factor),
-                success_text(own.success_probability),
-            )
-        )
-    headers = ("arm", f"σ [{unit}]", f"95 % within [{unit}]", "success")
-    return Block("Each arm in its own posture", (_without_empty(headers, rows),))
-
-
-def _judged_blocks(found: Comparison) -> tuple[Block, ...]:
-    """The postures of all arms as each of them predicts their errors."""
-    blocks: list[Block] = []
-    unit, factor = _unit(found)
+def _judged_blocks(found: Comparison) -> Iterable[Block]:
+    """Each arm in its own posture, and the postures of all arms as each of them predicts their errors."""
+    # The unit of all lengths is that of the largest error that an arm predicts for itself.
+    unit, factor = length_unit([arm.judged[name].critical_error for name, arm in found.answered.items()])
     headers = ("planned with", f"mean error [{unit}]", f"σ [{unit}]", f"95 % within [{unit}]", "success")
+
+    def row(name: str, plan: JudgedAnswer) -> tuple[str, ...]:
+        # The standard deviation has three digits, lengths beside it as many decimals.
+        decimals, sizes = decimals_of(plan.sigma_max * factor, 3), (plan.distance, plan.sigma_max, plan.critical_error)
+        return (name, *(fixed(size * factor, decimals) for size in sizes), success_text(plan.success_probability))
+
+    own = [row(name, arm.judged[name]) for name, arm in found.answered.items()]
+    heads = ("arm", *headers[2:])
+    yield Block("Each arm in its own posture", (_without_empty(heads, [(one[0], *one[2:]) for one in own]),))
+    figure = "arm_comparison"
     for judge in found.arms:
-        rows = []
-        for name, arm in found.answered.items():
-            if judge in arm.judged and (name == judge or not is_other_arm(found, name, judge)):
-                plan = arm.judged[judge]
-                sizes = plan.distance, plan.sigma_max, plan.critical_error
-                rows.append((name, *_numbers(sizes, plan.sigma_max, factor), success_text(plan.success_probability)))
-        if any(row[0] != judge for row in rows):
-            figure = "" if blocks else "arm_comparison"
-            blocks.append(Block(f"Errors predicted by {judge}", (_without_empty(headers, rows),), figure))
-    return tuple(blocks) or (Block("Different arms", (), "arm_comparison"),)
-
-
-def _unit(found: Comparison) -> tuple[str, float]:
-    """The unit of all lengths, by the largest error that an arm predicts for itself."""
-    return length_unit([arm.judged[name].critical_error for name, arm in found.answered.items()])
-
-
-def _numbers(sizes: Sequence[float], sigma: float, factor: float) -> tuple[str, ...]:
-    """Lengths with the decimals that give the standard deviation [m] beside them three digits."""
-    decimals = decimals_of(sigma * factor, 3)
-    return tuple(fixed(size * factor, decimals) for size in sizes)
+        rows = [
+            row(name, arm.judged[judge])
+            for name, arm in found.answered.items()
+            if judge in arm.judged and (name == judge or not is_other_arm(found, name, judge))
+        ]
+        if any(one[0] != judge for one in rows):
+            yield Block(f"Errors predicted by {judge}", (_without_empty(headers, rows),), figure)
+            figure = ""
+    if figure:
+        yield Block("Different arms", (), figure)
 
 
 def _without_empty(headers: tuple[str, ...], rows: list[tuple[str, ...]]) -> Table:
-    """The table without columns in which no arm has anything."""
     kept = [k for k in range(len(headers)) if any(row[k] for row in rows)]
     return Table(tuple(headers[k] for k in kept), tuple(tuple(row[k] for k in kept) for row in rows))
 
 
-def _posture_blocks(found: Comparison) -> tuple[Block, ...]:
+def _posture_blocks(found: Comparison) -> Iterable[Block]:
     """Joint values: a column an arm where each has one posture of the same joints, else a table an arm."""
     arms = found.answered
-    names = {arm.stations[0].optimisation_problem.robot.joint_names for arm in arms.values()}
-    if len(names) == 1 and all(len(arm.stations) == 1 for arm in arms.values()):
-        columns = [_joint_values(arm.stations[0]) for arm in arms.values()]
-        rows = tuple(zip(_joint_heads(next(iter(arms.values()))), *columns, strict=True))
-        return (Block("Postures", (Table(("joint", *arms), rows),)),)
-    return tuple(_postures_block(name, arm) for name, arm in arms.items())
-
-
-def _postures_block(name: str, arm: ComparedAnswer) -> Block:
-    """The joint values of an answer; of many, the first ones."""
-    rows = [(str(k), *_joint_values(station)) for k, station in enumerate(arm.stations[:_MAX_POSTURES], start=1)]
-    left = len(arm.stations) - _MAX_POSTURES
-    more = (Facts((("More postures", f"{left} in comparison.json"),)),) if left > 0 else ()
-    title = "Posture" if len(rows) == 1 else "Postures"
-    return Block(f"{title} of {name}", (Table(("posture", *_joint_heads(arm)), tuple(rows)).transposed(), *more))
-
-
-def _joint_heads(arm: ComparedAnswer) -> list[str]:
-    joints = arm.stations[0].optimisation_problem.robot.joints
-    return [f"{joint.name} [{joint_unit(joint.type)[0]}]" for joint in joints]
-
-
-def _joint_values(station: Solution) -> list[str]:
-    joints = station.optimisation_problem.robot.joints
-    return [joint_value(q, joint.type).split()[0] for q, joint in zip(station.q, joints, strict=True)]
+    robots = {name: arm.stations[0].optimisation_problem.robot for name, arm in arms.items()}
+    values = {name: [joint_cells(robots[name], s.q, 2) for s in arm.stations] for name, arm in arms.items()}
+    if len({robot.joint_names for robot in robots.values()}) == 1 and all(len(v) == 1 for v in values.values()):
+        rows = zip(joint_heads(next(iter(robots.values()))), *(v[0] for v in values.values()), strict=True)
+        yield Block("Postures", (Table(("joint", *arms), tuple(rows)),))
+        return
+    for name, postures in values.items():
+        shown = tuple((str(k), *cells) for k, cells in enumerate(postures[:_MAX_POSTURES], start=1))
+        left = len(postures) - _MAX_POSTURES
+        more = (Facts((("More postures", f"{left} in comparison.json"),)),) if left > 0 else ()
+        table = Table(("posture", *joint_heads(robots[name])), shown).transposed()
+        yield Block(f"{'Posture' if len(shown) == 1 else 'Postures'} of {name}", (table, *more))

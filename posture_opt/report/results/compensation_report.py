@@ -7,20 +7,18 @@ compensation together with what is uncertain.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from posture_opt.model.arm_state import REFERENCE_TEMPERATURE
 from posture_opt.numerics import Array, rms
+from posture_opt.report.figures.errors import plot_compensation
 from posture_opt.report.figures.residuals import chosen_rows
-from posture_opt.report.figures.row_errors import plot_compensation
-from posture_opt.report.interactive.arm_view import VIEWED_ROWS, ArmView, ShownPosture
-from posture_opt.report.page.presenter import Columns, Drawings, Presenter
+from posture_opt.report.page.presenter import Columns, Presenter
 from posture_opt.report.page.save import Files
-from posture_opt.report.parts.collision_parts import distance_facts
-from posture_opt.report.parts.parts import note_facts, robot_facts
+from posture_opt.report.parts.parts import distance_facts, note_facts, robot_facts
+from posture_opt.report.scene.arm_view import VIEWED_ROWS, ArmView, ShownPosture
 from posture_opt.report.text.blocks import Block, Document, Facts, Summary, Table
 from posture_opt.statements.notation import angle, count, length, length_unit
 from posture_opt.units import ERROR_UNITS, number
@@ -30,7 +28,6 @@ if TYPE_CHECKING:
     from posture_opt.selection.problem_data import ProblemData
 
 _MAX_ROWS = 40
-_LENGTH_ROUNDING_M = 1e-9  # m: rounding
 _ORIGINS = {
     "given": "given; the compensated ones stay as near to them as the target allows",
     "given as targets": "given, and the targets are where the nominal arm would be with them",
@@ -40,13 +37,8 @@ _ORIGINS = {
 
 
 def gain_blocks(problem: ProblemData, found: Compensation) -> tuple[Block, Block]:
-    """Errors before and after, in position and orientation; what the arm is computed with.
-
-    Rows: RMS and largest position error (µm or mm), and RMS orientation error [mrad] where the targets have one. The
-    facts below name the inputs of the effects and the largest change of each joint over all rows.
-    """
-    left = length_unit([rms(found.off), rms(found.left)])
-    unit, factor = left
+    """Errors before and after, in position and orientation; what the arm is computed with."""
+    unit, factor = length_unit([rms(found.off), rms(found.left)])
     sizes = [("position, RMS", rms), ("position, largest", lambda v: float(np.max(v)))]
     rows = [(f"{label} [{unit}]", *_numbers([f(v) for v in (found.off, found.left)], factor)) for label, f in sizes]
     if found.oriented:
@@ -54,12 +46,17 @@ def gain_blocks(problem: ProblemData, found: Compensation) -> tuple[Block, Block
         turned = (found.before.turned, found.after.rms_turned)
         rows.append((f"orientation, RMS [{unit}]", *(number(factor * rms(v), 2) for v in turned)))
     table = Table(("", "as given", "compensated"), tuple(rows))
-    change = np.abs(found.q - found.near).max(axis=0)
+    changes = []
+    for joint, v in zip(found.problem.robot.joints, np.abs(found.q - found.near).max(axis=0), strict=True):
+        # The largest change over the rows; zero below the digits that are written.
+        turns = joint.type == "revolute"
+        size = 0.0 if v < (found.digits.turn if turns else found.digits.slide) else float(v)
+        changes.append(f"{joint.name} {angle(size) if turns else length(size)}")
     facts = (
         *robot_facts(problem),
         *_computed_for(found),
         ("Joints", _ORIGINS[found.origin]),
-        ("Largest change", ", ".join(_changes(found, change))),
+        ("Largest change", ", ".join(changes)),
         *distance_facts(problem.scene, found.clearance),
         *note_facts(problem.sources.notes),
     )
@@ -67,13 +64,11 @@ def gain_blocks(problem: ProblemData, found: Compensation) -> tuple[Block, Block
 
 
 def _numbers(metres: Sequence[float], factor: float) -> list[str]:
-    """Lengths side by side, with digits for the larger one."""
     largest = factor * max(metres)
-    return [number(factor * value, 3, largest) if value > _LENGTH_ROUNDING_M else "0" for value in metres]
+    return [number(factor * value, 3, largest) if value > 1e-9 else "0" for value in metres]
 
 
 def _computed_for(found: Compensation) -> list[tuple[str, str]]:
-    """The inputs of effects in the rows: of their columns, else of the task; nothing for an arm without effects."""
     arm, rows = found.problem.arm, found.targets
     asked = {need for effect in arm.effects for need in (*effect.asks, *effect.needs)}
     texts = []
@@ -88,27 +83,12 @@ def _computed_for(found: Compensation) -> list[tuple[str, str]]:
 
 
 def _range(values: Array | None, stated: float) -> str:
-    """One value, or the least and the largest of a column."""
     low, high = (stated, stated) if values is None else (float(np.min(values)), float(np.max(values)))
     return f"{low:.6g}" if low == high else f"{low:.6g} to {high:.6g}"
 
 
-def _changes(found: Compensation, change: np.ndarray) -> list[str]:
-    """The largest change of each joint over the rows, given as (n,) [rad or m]; 0 below the digits that are written."""
-    words = []
-    for joint, v in zip(found.problem.robot.joints, change, strict=True):
-        turns = joint.type == "revolute"
-        size = 0.0 if v < (found.digits.turn if turns else found.digits.slide) else float(v)
-        words.append(f"{joint.name} {angle(size) if turns else length(size)}")
-    return words
-
-
 def rows_block(found: Compensation) -> Block:
-    """The rows with their compensated joint values.
-
-    Joints have the digits of the file, deg or mm; "off" and "left" are in the unit of their RMS. Rows beyond the
-    largest number are in ``compensated.csv`` only.
-    """
+    """The rows with their compensated joint values."""
     unit, factor = length_unit([rms(found.off), rms(found.left)])
     headers = ("line", *(head for _, head, _ in found.headers), f"off [{unit}]", f"left [{unit}]")
     rows = tuple(
@@ -128,15 +108,13 @@ class CompensationPresenter(Presenter["Compensation"]):
     """Compensated targets; ``compensated.csv`` has the joint values to command."""
 
     stem = "compensation"
-    delivers: ClassVar[tuple[str, ...]] = ("compensated.csv",)
+    plots: ClassVar = {"compensation": plot_compensation}
+    delivers = ("compensated.csv",)
 
     def summary(self) -> Summary:
-        """RMS errors as given and compensated, orientation where there is one, and the largest change of a joint."""
         found = self.result
         among = [rms(found.off), rms(found.left)]
-        turned: tuple[tuple[str, str], ...] = ()
-        if found.oriented:
-            turned = (("Orientation left", f"{angle(rms(found.after.rms_turned))} (RMS)"),)
+        turned = [("Orientation left", f"{angle(rms(found.after.rms_turned))} (RMS)")] if found.oriented else []
         facts = (
             ("As given", f"{length(among[0], among=among)} off (RMS)"),
             ("Compensated", f"{length(among[1], among=among)} expected (RMS)"),
@@ -146,43 +124,25 @@ class CompensationPresenter(Presenter["Compensation"]):
         return Summary(f"{count(len(found), 'compensated target')}: {found.problem.name}", facts)
 
     def document(self) -> Document:
-        """What the compensation brings, what was computed with, the rows."""
         found, name = self.result, self.problem.name
         title = f"Compensated targets: {name}" if name else "Compensated targets"
         return Document(title, found.statements, (*gain_blocks(self.problem, found), rows_block(found)))
 
-    def drawings(self) -> Drawings:
-        """The error at every target, before and after."""
-        return {"compensation": partial(plot_compensation, self.result)}
-
     def view(self) -> ArmView:
         """The compensated rows, coloured by what is left of their error."""
-        found = self.result
-        unit, factor = length_unit(found.left.tolist())
-        postures = tuple(
-            ShownPosture(
-                f"line-{found.targets.line[k]}",
-                f"line {found.targets.line[k]}: {length(float(found.left[k]))} left",
-                found.q[k],
-                (("Off as given", length(float(found.off[k]))), ("Left", length(float(found.left[k])))),
-                value=round(factor * float(found.left[k]), 5),
-            )
-            for k in chosen_rows(len(found), VIEWED_ROWS)
-        )
-        robot, scene = found.problem.robot, getattr(found.problem, "scene", None)
-        return ArmView(robot, postures, "Target", scene, points=True, values=f"left [{unit}]")
+        found, postures = self.result, []
+        for k in chosen_rows(len(found), VIEWED_ROWS):
+            off, left, line = float(found.off[k]), float(found.left[k]), found.targets.line[k]
+            facts = (("Off as given", length(off)), ("Left", length(left)))
+            shown = ShownPosture(f"line-{line}", f"line {line}: {length(left)} left", found.q[k], facts)
+            postures.append((shown, left))
+        return ArmView.coloured(found.problem, "Target", postures, "left")
 
     def columns(self) -> Columns:
-        """Line of the file, joint values [deg or mm], and the errors [mm] before and after, one row a target."""
         found = self.result
         joints = {head: found.q[:, j] / factor for j, (_, head, factor) in enumerate(found.headers)}
-        return {
-            "line": found.targets.line.tolist(),
-            **joints,
-            "off [mm]": 1e3 * found.off,
-            "left [mm]": 1e3 * found.left,
-        }
+        errors = {"off [mm]": 1e3 * found.off, "left [mm]": 1e3 * found.left}
+        return {"line": found.targets.line.tolist(), **joints, **errors}
 
     def files(self) -> Files:
-        """``compensated.csv``: the rows of the targets with the joint values to command."""
         return {"compensated.csv": self.result.to_csv().encode()}

@@ -1,6 +1,7 @@
-"""The figure of an arm: the shaded picture, marks over it, and beside the arm a column with its posture and callouts.
+"""The figure of an arm in its posture: the shaded picture, marks over it, and a column with joint values and callouts.
 
-True to scale, except for region and clearance, which are enlarged by one factor.
+True to scale, except for region and clearance, which are enlarged by one factor. A planar arm is seen along the normal
+of its plane, others from the side that shows most.
 """
 
 from __future__ import annotations
@@ -15,15 +16,18 @@ import numpy as np
 
 from posture_opt.numerics import Array, Mask, round_below
 from posture_opt.report.page.colours import GREY, VERMILLION
-from posture_opt.report.page.new_figure import new_figure
-from posture_opt.report.page.style import WIDTH, Look
+from posture_opt.report.page.style import WIDTH, Look, new_figure, styled
 from posture_opt.report.scene.arm_geometry import ARROW_SHARE, ArmGeometry
-from posture_opt.report.scene.arm_solids import COLOURS, Solid
+from posture_opt.report.scene.arm_solids import COLOURS, ArmSolids, Solid
 from posture_opt.report.scene.shaded_picture import Camera, best_camera, picture_of
+from posture_opt.statements.notation import joint_unit
+from posture_opt.units import fixed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from posture_opt import Solution, Spread
 
 MAX_CALLOUTS = 3
 _COLUMN, _ROW, _EDGE, _SCALE = 2.3, 0.175, 0.12, 0.95  # inch: column, line of it, margin, room for axes and scale
@@ -55,13 +59,7 @@ def draw_arm(
     ghosts: Sequence[Solid] = (),
     way: Array | None = None,
 ) -> Figure:
-    """The arm, the region about its tool point, the target and the obstacles.
-
-    Args:
-        geometry: of the posture.
-        heading: which arm it is; ``posture`` its joints with their values.
-        ghosts: other postures, drawn faintly; ``way`` (k, 3) the tool's path [m].
-    """
+    """The arm, the region about its tool point, the target and the obstacles; ``way`` (k, 3) [m]."""
     marks = marks_of(geometry, way)
     rows = [(line, "") for line in wrap(heading, _LETTERS)]
     rows += [(shortened(name, _LETTERS - 2 - len(value)), value) for name, value in posture]
@@ -130,14 +128,8 @@ def _with_gaps(lines: Iterable[Array]) -> Array:
 
 
 def _callouts(named: Sequence[tuple[str, Array]], edge: float, top: float) -> list[tuple[str, Array, Array]]:
-    """Texts with the start of their lines (2,) and what they name (2,) [inch], one below the other in the column.
-
-    Of all orders, that in which the lines together are shortest: two that cross could be exchanged for shorter ones.
-
-    Args:
-        named: texts with the points (2,) of the picture that they name [inch].
-        edge: of the column, towards the arm [inch]; ``top`` where there is room from [inch].
-    """
+    """Texts with the start of their lines (2,) and what they name (2,) [inch], one below the other in the column;
+    ``named`` (2,) [inch], ``edge`` [inch], ``top`` [inch]."""
     options = []
     for order in permutations(named):
         texts = ["\n".join(wrap(text, _LETTERS)) for text, _ in order]
@@ -149,7 +141,6 @@ def _callouts(named: Sequence[tuple[str, Array]], edge: float, top: float) -> li
 
 
 def _stacked(wanted: Sequence[float], heights: Sequence[float], top: float) -> list[float]:
-    """The middles of boxes, from the top: each as near to the one that is wanted as the others leave room."""
     found, free = [], top
     for middle, tall in zip(wanted, heights, strict=True):
         found.append(min(middle, free - tall / 2))
@@ -173,17 +164,11 @@ def shortened(name: str, most: int) -> str:
 def _framed(
     geometry: ArmGeometry, marks: Sequence[Stroke], ghosts: Sequence[Solid], column: float
 ) -> tuple[Camera, bool, float]:
-    """The view, whether the column is to the right of the arm, and the height of the figure that suits both [inch].
-
-    In the picture are the arm, the region, all marks, and obstacles that are smaller than the arm. The column is on the
-    side of the tool point, which most callouts lead to.
-
-    Args:
-        column: the height of the column [inch].
-    """
-    solids = [o for o in geometry.obstacles if np.ptp(o.faces.reshape(-1, 3), axis=0).max() < geometry.extent]
+    """The view, whether the column is to the right of the arm, and the height of the figure that suits both [inch];
+    ``column`` [inch]."""
+    solids = [o for o in geometry.obstacles if np.ptp(o.corners, axis=0).max() < geometry.extent]
     seen = [geometry.points, geometry.region.surface().reshape(-1, 3), *(mark.points for mark in marks)]
-    points = np.concatenate([*seen, *(solid.faces.reshape(-1, 3) for solid in (*solids, *ghosts))])
+    points = np.concatenate([*seen, *(solid.corners for solid in (*solids, *ghosts))])
     points = points[np.isfinite(points[:, 0])]
     camera = best_camera(geometry)
     at = camera.project(points)[:, 0]
@@ -204,14 +189,7 @@ def _draw(axes: Axes, line: Array, look: Look) -> None:
 
 
 def _axes_and_scale(axes: Axes, camera: Camera, step: float, left: float) -> None:
-    """The axes of the world and the scale, at the lower end of the column.
-
-    An axis that points nearly at the viewer is left out.
-
-    Args:
-        step: the length of the scale [m], that of the grid on the ground.
-        left: of the column [inch].
-    """
+    """The axes of the world and the scale, at the lower end of the column; ``step`` [m], ``left`` [inch]."""
     at = np.array([left + 0.45, 0.42])
     for axis, name in zip(np.eye(3), "xyz", strict=True):
         way = camera.project(axis)[:2]
@@ -225,11 +203,8 @@ def _axes_and_scale(axes: Axes, camera: Camera, step: float, left: float) -> Non
 
 
 def _name(axes: Axes, name: str, seen: Mask, taken: Mask) -> None:
-    """The name of an obstacle on it, near the middle of what is seen of it, on nothing that is taken; marked as taken.
-
-    Args:
-        seen: (H, W) where the obstacle is seen; ``taken`` (H, W) where nothing may be covered.
-    """
+    """The name of an obstacle on it, near the middle of what is seen of it, on nothing that is taken; marked as taken;
+    ``seen`` (H, W), ``taken`` (H, W)."""
     half = np.ceil([0.1 * taken.shape[0] / axes.get_ylim()[1], _LETTER / 2 * len(name) * taken.shape[1] / WIDTH])
     places = np.argwhere(seen)[:: max(1, np.count_nonzero(seen) // 400)]
     if not len(places):
@@ -244,3 +219,43 @@ def _name(axes: Axes, name: str, seen: Mask, taken: Mask) -> None:
     taken[int(row - half[0]) : int(row + half[0]), int(column - half[1]) : int(column + half[1])] = True
     x, y = np.array([column, row]) / taken.shape[::-1] * [WIDTH, axes.get_ylim()[1]]
     axes.text(x, y, name, ha="center", va="center", color="#7A4A12", zorder=6)
+
+
+@styled
+def plot_solution(solution: Solution) -> Figure:
+    """The arm in the best posture, the 95 % region enlarged by a stated factor, direction and target. Region and hole
+    have one scale, and the arm another: a region of some micrometres would be no point of the picture."""
+    return _with_joints(solution.spread, ArmGeometry.of_solution(solution))
+
+
+@styled
+def plot_spread(spread: Spread) -> Figure:
+    """The arm at a posture with the 95 % region enlarged by a stated factor, and the direction of the task."""
+    return _with_joints(spread, ArmGeometry.of_spread(spread))
+
+
+@styled
+def plot_motion(found: Solution) -> Figure:
+    """The arm at the worst point of a path as of a solution, faintly at others along it, and the path."""
+    geometry = ArmGeometry.of_solution(found.worst)
+    arm, Q = ArmSolids(found.worst.spread.tool_point.robot), found.motion.Q
+    # Four further postures of the motion.
+    others = np.unique(np.linspace(0, len(Q) - 1, 4).round().astype(int)).tolist()
+    ghosts = [
+        solid.placed(frames)
+        for frames in (arm.frames(Q[k]) for k in others if k != found.worst_index)
+        for solid in arm.solids
+        if solid.role not in ("base",)
+    ]
+    return _with_joints(found.worst.spread, geometry, ghosts, found.path.points)
+
+
+def _with_joints(
+    spread: Spread, geometry: ArmGeometry, ghosts: Sequence[Solid] = (), way: Array | None = None
+) -> Figure:
+    """The arm with the values of its joints; ``way`` (k, 3) [m]."""
+    robot = spread.tool_point.robot
+    units = [joint_unit(joint.type) for joint in robot.joints]
+    values = zip(robot.joint_names, spread.q, units, strict=True)
+    posture = [(name, f"{fixed(factor * value, 1)} {unit}") for name, value, (unit, factor) in values]
+    return draw_arm(geometry, robot.name, posture, ghosts, way)

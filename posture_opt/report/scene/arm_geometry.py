@@ -17,30 +17,17 @@ from posture_opt.report.text.words import REGIONS
 from posture_opt.statements.notation import stated_length
 
 if TYPE_CHECKING:
+    from posture_opt import Solution, Spread
     from posture_opt.collision.scene import Scene
-    from posture_opt.selection.answer.solution import Solution
     from posture_opt.selection.program.task_target import TaskTarget
-    from posture_opt.uncertainty.spread.spread import Spread
 
 ARROW_SHARE = 0.3  # of the arm's extent: the arrow of the direction of the task
-MISSED_M = 1e-4  # from there on the target is marked next to the tool point
-_REGION_SHARE = 0.16  # of the arm's extent: the size at which an ellipsoid is well seen
 _OBSTACLE_MARGIN = 0.35  # of the arm's extent: so far around it obstacles are drawn
-_MAX_WHOLE_OBSTACLE = 2.5  # of the extent: larger obstacles are cut off
-_MAX_RING_SHARE = 0.3  # of the extent: a larger clearance is not drawn
-_FLOOR_MARGIN = 0.25  # of the extent: so far the floor goes on beyond the arm and the obstacles
 
 
 @dataclass(frozen=True)
 class ErrorRegion:
-    """The 95 % region of the tool point.
-
-    Args:
-        center: (3,) [m].
-        semi_axes: (3, m) columns from the centre to the surface, true to scale [m]; m = 2 for a planar arm.
-        factor: by which the drawing enlarges it about its centre.
-        label: what it is and how much it is enlarged.
-    """
+    """The 95 % region of the tool point; ``center`` (3,) [m], ``semi_axes`` (3, m) [m]."""
 
     center: Array
     semi_axes: Array
@@ -74,13 +61,7 @@ class ErrorRegion:
 
 @dataclass(frozen=True)
 class TargetGeometry:
-    """Where the tool point is to go.
-
-    Args:
-        lower, upper: (3,) the box for the tool point [m]; equal for a point.
-        direction: (3,) unit vector of the task.
-        clearance: radial [m], true to scale; None where there is none.
-    """
+    """Where the tool point is to go; ``lower, upper`` (3,) [m], ``direction`` (3,), ``clearance`` [m]."""
 
     kind: Literal["point", "region", "anywhere"]
     lower: Array
@@ -96,17 +77,14 @@ class TargetGeometry:
 
     def missed(self, tool_point: Array) -> bool:
         """Whether a tool point (3,) [m] is off the target."""
-        return self.kind == "point" and float(np.linalg.norm(self.lower - tool_point)) > MISSED_M
+        # From 0.1 mm on the target is marked next to the tool point.
+        return self.kind == "point" and float(np.linalg.norm(self.lower - tool_point)) > 1e-4
 
     def ring(self, factor: float, tool_point: Array, extent: float) -> Ring | None:
-        """The rim of the hole, enlarged as the region is; None without a clearance, or where it is too large to draw.
-
-        Args:
-            factor: by which the region is enlarged.
-            tool_point: (3,) where the hole is, unless the target is a point [m].
-            extent: of the arm [m]: a ring of more than 30 % of it is not drawn.
-        """
-        if not self.clearance or factor * self.clearance > _MAX_RING_SHARE * extent:
+        """The rim of the hole, enlarged as the region is; None without a clearance, or where it is too large to draw;
+        ``tool_point`` (3,) [m], ``extent`` [m]."""
+        # A ring beyond 0.3 of the extent is not drawn.
+        if not self.clearance or factor * self.clearance > 0.3 * extent:
             return None
         label = f"hole: clearance {stated_length(self.clearance)}, {scale_words(factor)}"
         center = self.lower if self.kind == "point" else tool_point
@@ -115,13 +93,7 @@ class TargetGeometry:
 
 @dataclass(frozen=True)
 class Ring:
-    """The rim of a hole.
-
-    Args:
-        center: (3,) [m].
-        axes: (3, 3) columns: two radii across the direction of the hole, and one along it [m].
-        label: what it is and how much it is enlarged.
-    """
+    """The rim of a hole; ``center`` (3,) [m], ``axes`` (3, 3) [m]."""
 
     center: Array
     axes: Array
@@ -186,8 +158,13 @@ class ArmGeometry:
         """The posture of a spread with what is asked of the tool point and the obstacles."""
         arm = ArmSolids(spread.tool_point.robot)
         frames = arm.frames(spread.q)
-        solids = tuple(solid.placed(frames) for solid in arm.solids if not _sunk(solid.placed(frames), scene))
-        points = np.concatenate([solid.faces.reshape(-1, 3) for solid in solids])
+        solids = tuple(solid.placed(frames) for solid in arm.solids)
+        if scene is not None:
+            # A base block inside an obstacle is left out: the arm is mounted on that.
+            middles = [solid.corners.mean(axis=0)[None] for solid in solids]
+            sunk = [any(float(o.distance(at, at)[0]) < 1e-9 for o in scene.obstacles) for at in middles]
+            solids = tuple(s for s, inside in zip(solids, sunk, strict=True) if s.role != "base" or not inside)
+        points = np.concatenate([solid.corners for solid in solids])
         region = ErrorRegion.of(spread, enlargement(float(spread.region(0.95)[-1]), extent_of(points)))
         obstacles = () if scene is None else obstacles_near(scene, points)
         planar = len(spread.basis) == 2
@@ -205,7 +182,7 @@ class ArmGeometry:
     @cached_property
     def points(self) -> Array:
         """(k, 3) corners of all surfaces of the arm [m]."""
-        return np.concatenate([solid.faces.reshape(-1, 3) for solid in self.solids])
+        return np.concatenate([solid.corners for solid in self.solids])
 
     @cached_property
     def extent(self) -> float:
@@ -233,7 +210,8 @@ def extent_of(points: Array) -> float:
 
 def enlargement(size: float, extent: float) -> float:
     """The round factor (1, 2, 5, 10, 20, …) that brings ``size`` [m] nearest below a sixth of ``extent`` [m]."""
-    return round_below(max(_REGION_SHARE * extent / size, 1.0)) if size > 0 else 1.0
+    # At 0.16 of the arm's extent an ellipsoid is well seen.
+    return round_below(max(0.16 * extent / size, 1.0)) if size > 0 else 1.0
 
 
 def obstacles_near(scene: Scene, points: Array) -> tuple[Solid, ...]:
@@ -247,28 +225,19 @@ def obstacles_near(scene: Scene, points: Array) -> tuple[Solid, ...]:
         middle = faces.mean(axis=1)
         near = np.all((middle >= low) & (middle <= high), axis=1)
         if near.any():
-            small = extent_of(faces.reshape(-1, 3)) < _MAX_WHOLE_OBSTACLE * size
+            # Obstacles beyond 2.5 times the extent are cut off.
+            small = extent_of(faces.reshape(-1, 3)) < 2.5 * size
             found.append(Solid(obstacle.name, "obstacle", -1, faces if small else faces[near]))
     return tuple(found)
 
 
 def floor_under(points: Array, obstacles: Sequence[Solid], height: float | None = None) -> Solid | None:
-    """A level floor at a height [m], by default under an arm with points (k, 3) [m] and all obstacles.
-
-    None where an obstacle serves as one.
-    """
+    """A level floor at a height [m], by default under an arm with points (k, 3) [m] and all obstacles."""
     if any(obstacle.level for obstacle in obstacles):
         return None
-    seen = np.concatenate([points, *(obstacle.faces.reshape(-1, 3) for obstacle in obstacles)])
+    seen = np.concatenate([points, *(obstacle.corners for obstacle in obstacles)])
     low, high = seen.min(axis=0), seen.max(axis=0)
-    half = (high - low)[:2] / 2 + _FLOOR_MARGIN * extent_of(seen)
+    # The floor goes on by 0.25 of the extent beyond arm and obstacles.
+    half = (high - low)[:2] / 2 + 0.25 * extent_of(seen)
     middle = np.array([*(low + high)[:2] / 2, low[2] if height is None else height])
     return Solid("floor", "floor", -1, rectangle(middle, np.array([half[0], 0, 0]), np.array([0, half[1], 0]), 8))
-
-
-def _sunk(solid: Solid, scene: Scene | None) -> bool:
-    """Whether a base block is inside an obstacle: then the arm is mounted on that."""
-    if solid.role != "base" or scene is None:
-        return False
-    middle = solid.faces.reshape(-1, 3).mean(axis=0)[None]
-    return any(float(obstacle.distance(middle, middle)[0]) < 1e-9 for obstacle in scene.obstacles)

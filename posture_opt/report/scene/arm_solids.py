@@ -17,9 +17,8 @@ from posture_opt.collision.facets import cylinder_facets, rectangle, tapered_fac
 from posture_opt.model.chain import factor_values, walk
 from posture_opt.numerics import Array
 from posture_opt.report.page.colours import BLUE, GREEN, ORANGE, VERMILLION
-from posture_opt.robot.link_capsules import STAND_IN_RADIUS_RATIO, stand_in, tool_capsule
-from posture_opt.robot.robot import Robot
-from posture_opt.robot.shape import BASE, TOOL, Capsule
+from posture_opt.robot.robot import BASE, TOOL, Capsule, Robot
+from posture_opt.robot.shape_section import STAND_IN_RADIUS_RATIO, stand_in, tool_capsule
 
 Role = Literal["base", "link", "joint", "tool", "obstacle", "floor", "region"]
 COLOURS = {
@@ -29,12 +28,9 @@ COLOURS = {
 """What is drawn of an arm -> its colour in pictures, on pages and on the live page; dark and light also in grey."""
 
 _TAPER_RADII = 1.25, 0.55  # of the radius: at the base, and at the end of the last link
-_TIP_RADIUS = 0.12  # of the radius: of a tool of unknown shape at its tip
 _BLOCK_SIZE = 1.9, 0.6  # of the radius at the base: half side and height of the base block
 _DRUM_SIZE = 0.75, 1.12  # of the link's radius: radius and half length of a joint, whose ends show like caps
 _SLIDE_SIZE = 0.45, 1.6  # the same of a slide
-_CREASE_COSINE = 0.7  # of the angle between faces from which on their edge is sharp
-_CORNER_DIGITS = 7  # digits [m]: corners that agree in them are one
 _AXIS_SHARES = np.linspace(-1.0, 1.0, 201)  # of the arm's length: where the middle of a joint is looked for on its axis
 
 
@@ -61,6 +57,11 @@ class Solid:
         return replace(self, frame=-1, faces=self.faces @ T[:3, :3].T + T[:3, 3])
 
     @property
+    def corners(self) -> Array:
+        """(4 k, 3) [m]."""
+        return self.faces.reshape(-1, 3)
+
+    @property
     def level(self) -> bool:
         """Whether it is a floor: all of it at one height."""
         return float(np.ptp(self.faces[..., 2])) < 1e-9
@@ -73,7 +74,8 @@ class Solid:
         """
         flat = np.cross(self.faces[:, 3] - self.faces[:, 1], self.faces[:, 2] - self.faces[:, 0])
         flat = flat / np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-300)
-        _, place = np.unique(self.faces.reshape(-1, 3).round(_CORNER_DIGITS), axis=0, return_inverse=True)
+        # Corners that agree to 0.1 µm are one.
+        _, place = np.unique(self.faces.reshape(-1, 3).round(7), axis=0, return_inverse=True)
         order, sizes = np.argsort(place.ravel(), kind="stable"), np.bincount(place.ravel())
         total = np.zeros((4 * len(flat), 3))
         # Corners in one place are neighbours in this order: each is compared with those behind it, up to the largest
@@ -81,7 +83,8 @@ class Solid:
         for step in range(int(sizes.max(initial=0))):
             one, other = order[: len(order) - step], order[step:]
             a, b = flat[one // 4], flat[other // 4]
-            smooth = (place.ravel()[one] == place.ravel()[other]) & (np.sum(a * b, axis=1) > _CREASE_COSINE)
+            # From a cosine of 0.7 down, an edge is sharp.
+            smooth = (place.ravel()[one] == place.ravel()[other]) & (np.sum(a * b, axis=1) > 0.7)
             total[one[smooth]] += b[smooth]
             if step:
                 total[other[smooth]] += a[smooth]
@@ -90,12 +93,7 @@ class Solid:
 
 @dataclass(frozen=True)
 class JointAxis:
-    """Where a joint acts.
-
-    Args:
-        frame: the frame of the arm that it is given in, as of a `Solid`.
-        middle: (3,) of its body [m]; ``axis`` (3,) unit vector; ``radius`` of the body [m].
-    """
+    """Where a joint acts; ``middle`` (3,) [m], ``axis`` (3,), ``radius`` [m]."""
 
     name: str
     type: Literal["revolute", "prismatic"]
@@ -152,13 +150,17 @@ class ArmSolids:
 
     @cached_property
     def links(self) -> tuple[Link, ...]:
-        """Base, links and tool as cones between balls."""
-        known = self.robot.links_have_shape
-        drawn = [] if known else _tapered(stand_in(self.robot), self.radius)
+        """Base, links and tool as cones between balls; of an arm without a shape, links taper from base to tool."""
+        drawn = []
+        if not self.robot.links_have_shape:
+            capsules = stand_in(self.robot)
+            way = np.concatenate([[0.0], np.cumsum([capsule.length for capsule in capsules])])
+            radii = self.radius * np.interp(way / max(float(way[-1]), 1e-12), [0.0, 1.0], _TAPER_RADII)
+            drawn = [_link(c, float(a), float(b)) for c, a, b in zip(capsules, radii, radii[1:], strict=False)]
         end = drawn[-1].end_radius if drawn else _TAPER_RADII[1] * self.radius
-        links = [*drawn, *(_even(c) for c in self.robot.shape)]
-        tools = [Link(TOOL, *_ends(c), 0.9 * end, _TIP_RADIUS * self.radius) for c in tool_capsule(self.robot)]
-        return (*links, *tools)
+        # A tool of unknown shape ends at 0.12 of the radius.
+        tools = [replace(_link(c, 0.9 * end, 0.12 * self.radius), joint=TOOL) for c in tool_capsule(self.robot)]
+        return (*drawn, *(_link(c, c.radius, c.radius) for c in self.robot.shape), *tools)
 
     @cached_property
     def joints(self) -> tuple[JointAxis, ...]:
@@ -168,9 +170,17 @@ class ArmSolids:
     @cached_property
     def solids(self) -> tuple[Solid, ...]:
         """All of them, each in its own frame."""
-        bodies = [Solid(link.joint, _role(link.joint), self._frame(link.joint), _faces(link)) for link in self.links]
-        drums = [Solid(joint.name, "joint", joint.frame, _drum(joint)) for joint in self.joints]
-        return (self._block(), *bodies, *drums)
+        roles: dict[str, Role] = {BASE: "base", TOOL: "tool"}
+        found = [self._block()]
+        for link in self.links:
+            faces = tapered_facets(link.start, link.end, link.start_radius, link.end_radius)
+            found.append(Solid(link.joint, roles.get(link.joint, "link"), self._frame(link.joint), faces))
+        for joint in self.joints:
+            wide, long = _DRUM_SIZE if joint.type == "revolute" else _SLIDE_SIZE
+            reach = long * joint.radius * joint.axis
+            faces = cylinder_facets(joint.middle - reach, joint.middle + reach, wide * joint.radius)
+            found.append(Solid(joint.name, "joint", joint.frame, faces))
+        return tuple(found)
 
     def _frame(self, joint: str) -> int:
         """The number of the frame that a joint carries."""
@@ -178,7 +188,6 @@ class ArmSolids:
         return at[joint] if joint in at else self.robot.joint_names.index(joint) + 1
 
     def _block(self) -> Solid:
-        """The base block, under the origin of the base."""
         side, height = (factor * self.radius for factor in _BLOCK_SIZE)
         u, v = np.diag([side, side, 0.0])[:2]
         top, bottom = np.zeros(3), np.array([0.0, 0.0, -height])
@@ -188,10 +197,7 @@ class ArmSolids:
         return Solid(BASE, "base", 0, np.concatenate([*ends, *sides]))
 
     def _joint(self, k: int) -> JointAxis:
-        """Joint k, its body where the links before and behind it come nearest to its axis.
-
-        Distances from the axis to the links next to it do not change as the joint turns: any posture shows them.
-        """
+        """Joint k, its body where the links before and behind it come nearest to its axis."""
         joint, frames = self.robot.joints[k], self.frames(np.zeros(self.robot.n))
         front = next(i for i, factor in enumerate(self.robot.links[k]) if factor.joint is not None)
         factors = self.robot.links[k][:front]
@@ -222,38 +228,5 @@ class ArmSolids:
         return np.where(np.isfinite(least), least, 0.0), radius
 
 
-def _even(capsule: Capsule) -> Link:
-    """A capsule as a link with both balls alike."""
-    return Link(capsule.joint, *_ends(capsule), capsule.radius, capsule.radius)
-
-
-def _tapered(capsules: Sequence[Capsule], radius: float) -> list[Link]:
-    """Links that get thinner with the way from the base: from 1.25 to 0.55 of ``radius`` [m]."""
-    way = np.concatenate([[0.0], np.cumsum([capsule.length for capsule in capsules])])
-    radii = radius * np.interp(way / max(float(way[-1]), 1e-12), [0.0, 1.0], _TAPER_RADII)
-    return [
-        Link(capsule.joint, *_ends(capsule), float(a), float(b))
-        for capsule, a, b in zip(capsules, radii, radii[1:], strict=False)
-    ]
-
-
-def _ends(capsule: Capsule) -> tuple[Array, Array]:
-    """Both ends (3,) of a capsule [m]."""
-    return np.array(capsule.start), np.array(capsule.end)
-
-
-def _role(joint: str) -> Role:
-    """What a body is drawn as: base, tool or link."""
-    return "base" if joint == BASE else "tool" if joint == TOOL else "link"
-
-
-def _faces(link: Link) -> Array:
-    """(k, 4, 3) the surface of a link [m]."""
-    return tapered_facets(link.start, link.end, link.start_radius, link.end_radius)
-
-
-def _drum(joint: JointAxis) -> Array:
-    """A cylinder about the axis of a turning joint; about that of a slide, a longer and thinner one."""
-    wide, long = _DRUM_SIZE if joint.type == "revolute" else _SLIDE_SIZE
-    reach = long * joint.radius * joint.axis
-    return cylinder_facets(joint.middle - reach, joint.middle + reach, wide * joint.radius)
+def _link(capsule: Capsule, start_radius: float, end_radius: float) -> Link:
+    return Link(capsule.joint, np.array(capsule.start), np.array(capsule.end), start_radius, end_radius)

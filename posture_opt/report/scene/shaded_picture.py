@@ -28,9 +28,7 @@ _LIGHT = np.array([-0.45, 0.65, 0.62]) / np.linalg.norm([-0.45, 0.65, 0.62])  # 
 _UNLIT = {"obstacle": 0.82, "link": 0.5}  # of a colour where no light falls; links stand for all of the arm
 _OPACITY = {"ghost": 0.3, "veiled arm": 0.55, "region": 0.62, "hidden region": 0.3}
 _SHADOW, _GRID_LINE, _OUTLINE = 0.86, 0.9, 0.3  # brightness, of the colour below
-_MIN_EDGE_CONTRAST = 0.08  # difference of brightness from which two bodies that touch have an outline between them
 _MIN_DEPTH_JUMP, _GRID_HALF_WIDTH = 0.012, 0.0012  # of the arm's extent: a step that has an outline; lines of the grid
-_LEVEL_COSINE = 0.95  # of the slope up to which a face is the top of something
 _CHUNK_POINTS, _MIN_BOX = 2_000_000, 4  # points that are looked at together; least side of the box about a triangle
 _VIEWS = tuple(product(np.radians(np.arange(0, 360, 15)).tolist(), np.radians([14.0, 24.0, 34.0]).tolist()))
 _COARSE, _SUNLIT = 32, (400, 400)  # points along the pictures by which views are compared; of that from above
@@ -130,13 +128,8 @@ class Layer:
         return np.asarray(self.owner >= 0)
 
     def lay_over(self, colour: Array, opacity: Array | float, jump: float, shade: Shade | None = None) -> None:
-        """Draws the solids over a picture, lit by Lambert's rule, with outlines where the depth jumps [m].
-
-        Args:
-            colour: (H, W, 3), changed in place: ``(1 − α) colour + α painted``.
-            opacity: α, a number or (H, W).
-            shade: brightness (k,) of points where the depths (H, W) of the solids are seen; None: 1.
-        """
+        """Draws the solids over a picture, lit by Lambert's rule, with outlines where the depth jumps [m]; ``colour``
+        (H, W, 3), ``opacity`` (H, W), ``shade`` (k,)."""
         there = self.there
         if not there.any():
             return
@@ -153,15 +146,13 @@ class Layer:
         colour[there] = (1 - alpha) * colour[there] + alpha * painted
 
     def _outline(self, light: Array, jump: float) -> Mask:
-        """(H, W) where one body ends and another or nothing begins, or the depth jumps.
-
-        Where the surfaces of two bodies coincide, nothing but their owner differs: there is no line between them.
-        """
+        """(H, W) where one body ends and another or nothing begins, or the depth jumps."""
         edge = np.zeros(self.depth.shape, dtype=bool)
         depth = np.where(self.there, self.depth, -1e9)
         for axis in (0, 1):
             one, other = (np.s_[:-1], np.s_[1:]) if axis == 0 else (np.s_[:, :-1], np.s_[:, 1:])
-            differ = (self.owner[one] != self.owner[other]) & (np.abs(light[one] - light[other]) > _MIN_EDGE_CONTRAST)
+            # Bodies that touch have an outline between them from a difference of 0.08 in brightness on.
+            differ = (self.owner[one] != self.owner[other]) & (np.abs(light[one] - light[other]) > 0.08)
             differ |= np.abs(depth[one] - depth[other]) > jump
             edge[one] |= differ
             edge[other] |= differ
@@ -201,14 +192,18 @@ def picture_of(
         above = lit[row, column] > sunlight.project(world)[:, 2] + 1e-3 * extent
         return np.where(above, _SHADOW, 1.0)
 
-    ground, step = _ground_depth(camera, axes, offset, (rows, columns)), round_below(extent / 5)
+    (right, up), (a, b, c) = _screen(camera, (rows, columns)), camera.axes @ np.cross(*axes)
+    step = round_below(extent / 5)
+    ground = (offset - right * a - up * b) / c  # it goes on without end
     everywhere = np.ones(ground.shape, dtype=bool)
     place = _world(camera, ground, everywhere) @ axes.T / step
     lines = np.any(np.abs(place - np.round(place)) * step < _GRID_HALF_WIDTH * extent, axis=1)
     bright = np.where(lines, _GRID_LINE, 1.0) * shade(ground, everywhere)
     colour = (bright[:, None] * _rgb(COLOURS["floor"])).reshape(rows, columns, 3)
     blocks = replace(blocks, owner=np.where(blocks.depth > ground - 1e-6, blocks.owner, -1))
-    veil = np.where(_topped(blocks, camera), 0.0, _OPACITY["veiled arm"])
+    # What is behind the upper side of an obstacle, up to a slope with the cosine 0.95, is in it or under it.
+    upwards = np.abs(blocks.normals @ camera.axes[:, 2]) > 0.95 * np.linalg.norm(blocks.normals, axis=2)
+    veil = np.where(upwards & blocks.there, 0.0, _OPACITY["veiled arm"])
     behind = (region.depth < arm.depth) & (not geometry.planar)
     jump = _MIN_DEPTH_JUMP * extent
     faint.lay_over(colour, _OPACITY["ghost"], jump)
@@ -269,33 +264,12 @@ def _world(camera: Camera, depth: Array, there: Mask) -> Array:
     """(k, 3) where some points (H, W) of a picture are, given their depths (H, W), world [m]."""
     right, up = _screen(camera, depth.shape)
     row, column = np.nonzero(there)
-    world: Array = np.column_stack([right[column], up[row, 0], depth[there]]) @ camera.axes
-    return world
-
-
-def _ground_depth(camera: Camera, axes: Array, offset: float, shape: tuple[int, int]) -> Array:
-    """(H, W) the depth of the ground, which goes on without end [m]."""
-    right, up = _screen(camera, shape)
-    a, b, c = camera.axes @ np.cross(*axes)
-    depth: Array = (offset - right * a - up * b) / c
-    return depth
-
-
-def _topped(blocks: Layer, camera: Camera) -> Mask:
-    """(H, W) where the upper side of an obstacle is seen: what is behind it is in it or under it."""
-    upwards = np.abs(blocks.normals @ camera.axes[:, 2])
-    return np.asarray(upwards > _LEVEL_COSINE * np.linalg.norm(blocks.normals, axis=2)) & blocks.there
+    return np.asarray(np.column_stack([right[column], up[row, 0], depth[there]]) @ camera.axes)
 
 
 def _covered(corners: Array, shape: tuple[int, int]) -> Iterator[tuple[Codes, Array, Codes, Array]]:
-    """The points of a picture (H, W) whose centres triangles cover, those with boxes of one size at a time.
-
-    Args:
-        corners: (k, 3, 3) column, row and depth of each corner of the triangles.
-
-    Yields:
-        (m,) the points; (m,) their depths; (m,) the triangles; (m, 3) the weights of their corners.
-    """
+    """The points of a picture (H, W) whose centres triangles cover, those with boxes of one size at a time; ``corners``
+    (k, 3, 3)."""
     size = np.array(shape[::-1])
     low = np.floor(corners[..., :2].min(axis=1)).astype(np.int64)
     high = corners[..., :2].max(axis=1)

@@ -1,14 +1,66 @@
-"""What a report is made of, whatever it is shown as: blocks of sentences, facts and tables."""
+"""What a report is made of, whatever it is shown as: the lead, and blocks of sentences, facts and tables."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+import textwrap
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import overload
+from typing import Any
 
-from posture_opt.report.text.lead import Line, lead, lines_of
-from posture_opt.statements import Statement
+from posture_opt.statements import SEVERITIES, Statement, by_severity
+
+WIDTH = 100
+"""Columns of a file, and where no terminal says how wide it is."""
+MAX_LINES, MAX_WORDS = 8, 90
+"""Of a lead of `WIDTH` columns, its title not counted."""
+
+Line = tuple[str, str]
+"""A label, mostly empty, and a sentence."""
+
+
+def lead(statements: Sequence[Statement]) -> tuple[tuple[Statement, ...], tuple[Statement, ...]]:
+    """The statements of the first screen, and those of the same weight that it has no room for.
+
+    The first result is the headline and comes first; then dangers, cautions and results in this order. Where there is
+    no room for all, they count in the order dangers, second result, cautions, further results.
+
+    Args:
+        statements: of a result; notes and details are in neither part.
+    """
+    of = {severity: [one for one in statements if one.severity == severity] for severity in SEVERITIES}
+    headline, results = next(iter(of["result"]), None), of["result"][1:]
+    shown, rest = of["result"][:1], list[Statement]()
+    for one in (*of["danger"], *results[:1], *of["caution"], *results[1:]):
+        (shown if fits(ordered([*shown, one], headline)) else rest).append(one)
+    return ordered(shown, headline), by_severity(rest)
+
+
+def ordered(statements: Iterable[Statement], headline: Statement | None) -> tuple[Statement, ...]:
+    """The headline, then the others, the gravest first."""
+    return tuple(sorted(by_severity(statements), key=lambda one: one is not headline))
+
+
+def fits(statements: Sequence[Statement]) -> bool:
+    """Whether statements are a lead within its limits."""
+    lines = lines_of(statements)
+    words = sum(len(f"{label} {text}".split()) for label, text in lines)
+    return words <= MAX_WORDS and sum(row.count("\n") + 1 for row in written(lines, WIDTH)) <= MAX_LINES
+
+
+def lines_of(statements: Iterable[Statement]) -> tuple[Line, ...]:
+    """Label and sentence of each statement."""
+    return tuple((one.label, one.text) for one in statements)
+
+
+def written(lines: Sequence[Line], width: int) -> list[str]:
+    """Lines as text: labels in a column of their own, sentences without a label as wide as all."""
+    column, found = max((len(label) for label, _ in lines), default=0) + 2, []
+    for label, text in lines:
+        first, others = (f"{label:<{column}}", " " * column) if label else ("", "")
+        wrapped = textwrap.fill(text, width, initial_indent=first, subsequent_indent=others, break_on_hyphens=False)
+        found.append(wrapped)
+    return found
 
 
 @dataclass(frozen=True)
@@ -21,12 +73,7 @@ class Facts:
 
 @dataclass(frozen=True)
 class Linked:
-    """What a row of a table leads to on a page.
-
-    Args:
-        file: a page next to this one; empty where there is none.
-        picture: PNG of what it is about; empty where there is none.
-    """
+    """What a row of a table leads to on a page."""
 
     file: str = ""
     picture: bytes = b""
@@ -73,17 +120,12 @@ NOTES = "Notes"
 
 
 def _as_items(statements: Sequence[Statement]) -> tuple[Item, ...]:
-    """Statements in a block: those with a label as facts, the others as sentences."""
     facts = [(one.label, one.text) for one in statements if one.label]
     return (*(one.text for one in statements if not one.label), *([Facts(tuple(facts))] if facts else []))
 
 
 class Later(Sequence[Item]):
-    """Items that are made when they are first read: a report of one screen leaves out some that take long.
-
-    Args:
-        made: makes them.
-    """
+    """Items that are ``made`` when they are first read: a report of one screen leaves out some that take long."""
 
     def __init__(self, made: Callable[[], Sequence[Item]]) -> None:
         self._made = made
@@ -92,18 +134,11 @@ class Later(Sequence[Item]):
     def _items(self) -> tuple[Item, ...]:
         return tuple(self._made())
 
-    @overload
-    def __getitem__(self, place: int) -> Item: ...
-    @overload
-    def __getitem__(self, place: slice) -> tuple[Item, ...]: ...
-    def __getitem__(self, place: int | slice) -> Item | tuple[Item, ...]:
+    def __getitem__(self, place: Any) -> Any:
         return self._items[place]
 
     def __len__(self) -> int:
         return len(self._items)
-
-    def __iter__(self) -> Iterator[Item]:
-        return iter(self._items)
 
 
 @dataclass(frozen=True)

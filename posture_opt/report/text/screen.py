@@ -11,7 +11,6 @@ from posture_opt.report.text.text import render
 
 SCREEN = 45
 """Lines of the report, the last of which says what else there is."""
-_MAX_NAMED_ROWS = 8  # rows left out of a table that are named below it
 _MAX_NAMED_SECTIONS = 3  # sections that the last line names
 
 
@@ -24,80 +23,56 @@ def on_a_screen(report: Document, width: int, saved: Sequence[str]) -> Document:
     Args:
         saved: what ``--out`` writes next to the report, for the last line.
     """
-    kept = [_Shown(block.short) for block in report.blocks if block.short.items]
+    kept = [_Shown.of(block.short) for block in report.blocks if block.short.items]
     while _lines(short := _ended(report, kept, saved), width) > SCREEN and kept:
         excess = _lines(short, width) - SCREEN
         place = next((k for k in reversed(range(len(kept))) if kept[k].rows > kept[k].least), None)
         if place is None:
-            out = _dispensable([shown.block for shown in kept], excess, width)
-            if out is None:
+            # The last block that is so long that the rest fits without it, else the last that may go.
+            blocks = {k: shown.block for k, shown in enumerate(kept) if not shown.whole.stays}
+            sizes = {k: _lines(Document("", (), (block,)), width) - 1 for k, block in blocks.items()}
+            if not sizes:
                 break
-            kept.pop(out)
+            kept.pop(max((k for k, size in sizes.items() if size >= excess), default=max(sizes)))
         else:
-            kept[place] = replace(kept[place], limit=max(kept[place].least, kept[place].rows - excess))
+            kept[place] = replace(kept[place], rows=max(kept[place].least, kept[place].rows - excess))
     return short
 
 
 @dataclass(frozen=True)
 class _Shown:
-    """A block with so many rows of its longest table at the most."""
+    """A block with so many ``rows`` of its longest table; ``least`` of them stay however long the rest is."""
 
     whole: Block
-    limit: int | None = None
+    rows: int
+    least: int
 
-    @property
-    def table(self) -> Table | None:
-        """The longest table; None without one."""
-        return max((item for item in self.whole.items if isinstance(item, Table)), key=_height, default=None)
-
-    @property
-    def longest(self) -> int:
-        """Rows of the longest table."""
-        return 0 if self.table is None else _height(self.table)
-
-    @property
-    def least(self) -> int:
-        """Rows that stay however long the rest is."""
-        return 0 if self.table is None else self.table.least
-
-    @property
-    def rows(self) -> int:
-        """Rows that are shown of it."""
-        return self.longest if self.limit is None else self.limit
+    @classmethod
+    def of(cls, whole: Block) -> _Shown:
+        tables = (item for item in whole.items if isinstance(item, Table))
+        table = max(tables, key=lambda table: len(table.rows), default=None)
+        return cls(whole, 0, 0) if table is None else cls(whole, len(table.rows), table.least)
 
     @property
     def block(self) -> Block:
         """The block, and behind a table that is cut how many more rows there are."""
         items: list[Item] = []
+        longest = _Shown.of(self.whole).rows
         for item in self.whole.items:
-            if isinstance(item, Table) and len(item.rows) == self.longest > self.rows:
-                items += _cut(item, self.rows)
-            else:
-                items.append(item)
+            cut = isinstance(item, Table) and len(item.rows) == longest > self.rows
+            items += _cut(item, self.rows) if cut and isinstance(item, Table) else (item,)
         return replace(self.whole, items=tuple(items))
 
 
-def _height(table: Table) -> int:
-    """Rows of a table."""
-    return len(table.rows)
-
-
 def _cut(table: Table, rows: int) -> tuple[Table, str]:
-    """So many rows of a table, and how many are left out; by name where rows begin with words."""
     short = table.cut(rows)
     left = [row[0] for row in table.rows if row not in short.rows]
-    named = table.text_columns > 0 and len(left) <= _MAX_NAMED_ROWS and all(left)
+    # Up to eight rows left out are named.
+    named = table.text_columns > 0 and len(left) <= 8 and all(left)
     return short, f"… {len(table.rows) - rows} more{f': {enumerated(left)}' if named else ''}"
 
 
-def _dispensable(kept: Sequence[Block], excess: int, width: int) -> int | None:
-    """The last block that is so long that the rest fits without it, else the last; None where all stay."""
-    sizes = {k: _lines(Document("", (), (block,)), width) - 1 for k, block in enumerate(kept) if not block.stays}
-    return max((k for k, size in sizes.items() if size >= excess), default=max(sizes, default=None))
-
-
 def _ended(report: Document, kept: Sequence[_Shown], saved: Sequence[str]) -> Document:
-    """The kept blocks, and a line on the others."""
     blocks = tuple(shown.block for shown in kept)
     shown = {block.title for block in blocks}
     left = [block.title for block in report.blocks if block.title not in shown]
@@ -107,7 +82,8 @@ def _ended(report: Document, kept: Sequence[_Shown], saved: Sequence[str]) -> Do
 
 def more_words(left: Iterable[str], whole: bool, saved: Sequence[str]) -> str:
     """What ``--full`` and ``--out`` would show."""
-    titles = [_lowered(title) for title in left]
+    # Inside a sentence; abbreviations keep their capitals.
+    titles = [title if title[1:2].isupper() else title[:1].lower() + title[1:] for title in left]
     more = [f"{len(titles) - _MAX_NAMED_SECTIONS} more sections"] if len(titles) > _MAX_NAMED_SECTIONS + 1 else []
     named = [*titles[:_MAX_NAMED_SECTIONS], *more] if more else titles
     what = f"all details, with {enumerated(named)}" if named else "all details"
@@ -115,11 +91,5 @@ def more_words(left: Iterable[str], whole: bool, saved: Sequence[str]) -> str:
     return f"{full}--out DIR writes {enumerated(['report.html with figures', *saved])}."
 
 
-def _lowered(title: str) -> str:
-    """A title inside a sentence; abbreviations keep their capitals."""
-    return title if title[1:2].isupper() else title[:1].lower() + title[1:]
-
-
 def _lines(report: Document, width: int) -> int:
-    """Lines of a report at a width."""
     return render(report, width).rstrip("\n").count("\n") + 1

@@ -1,4 +1,4 @@
-"""Names of sources, regions and directions, and p-values, in words."""
+"""Names of sources, regions and directions, in words."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from posture_opt.selection.registered_tasks import part_words as part_words
 from posture_opt.uncertainty.regions.critical import PARTS as PARTS
-from posture_opt.uncertainty.sources.source_names import source_size as source_size
-from posture_opt.uncertainty.sources.source_names import source_words as source_words
+from posture_opt.uncertainty.sources.sources import source_size as source_size
+from posture_opt.uncertainty.sources.sources import source_words as source_words
 from posture_opt.units import fixed
 
 Vector: TypeAlias = Sequence[float] | NDArray[np.float64]
@@ -33,9 +33,6 @@ MODEL_NAMES = {
     "delivered": "as delivered",
 }
 """Models of one arm, by their names in JSON."""
-UNLIKELY = 0.05
-"""Family-wise p-value below which noise is no explanation."""
-_LEAST_P = 1e-6
 METHODS = {
     "exact": "closed form, exact for normally distributed errors",
     "exact, planar": "closed form, exact for normally distributed errors, correlated ones too",
@@ -43,16 +40,6 @@ METHODS = {
         "exact for normally distributed errors given the factors that correlated ones share, integrated over these"
     ),
 }
-
-
-def p_words(p: float) -> str:
-    """A p-value: "p = 0.012", "p = 9e-06", "p < 1e-6"."""
-    return f"p {p_value(p)}" if p < _LEAST_P else f"p = {p_value(p)}"
-
-
-def p_value(p: float) -> str:
-    """The same for a table: "0.012", "9e-06", "< 1e-6"."""
-    return "< 1e-6" if p < _LEAST_P else f"{p:.2g}" if p < UNLIKELY else f"{p:.2f}"
 
 
 def direction_words(d: Vector) -> str:
@@ -75,11 +62,7 @@ def roll_pitch_yaw(quaternion_wxyz: Vector) -> tuple[float, float, float]:
     if abs(sine) > 1 - 1e-12:
         # Roll and yaw turn about one axis there: all of it is given to the yaw.
         return 0.0, math.copysign(math.pi / 2, sine), -2 * math.copysign(1, sine) * math.atan2(x, w)
-    roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
-    yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    angles = (2 * (w * x + y * z), 1 - 2 * (x * x + y * y)), (2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
     # Half a turn is one orientation with two names.
-    return _upper(roll), math.asin(sine), _upper(yaw)
-
-
-def _upper(radians: float) -> float:
-    return math.pi if radians < -math.pi + 1e-6 else radians
+    roll, yaw = (math.pi if a < -math.pi + 1e-6 else a for a in (math.atan2(*angle) for angle in angles))
+    return roll, math.asin(sine), yaw

@@ -14,49 +14,62 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from posture_opt.collision.mounting import MOUNTING_PLANE
+from posture_opt.collision.cell import MOUNTING_PLANE
 from posture_opt.numerics import Array
 from posture_opt.selection.program.nlp import Row
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem, bound_terms
 from posture_opt.selection.program.task_target import TaskTarget
-from posture_opt.selection.search.change import Change, ChangedValue, decimals_for, exact_text, rounded
-from posture_opt.selection.search.elastic_problem import AXIS, HELD, LIMITS, TARGET, Compromise, ElasticProblem
-from posture_opt.selection.search.giving_scene import CLEARANCE, gives_enough
-from posture_opt.selection.search.relaxation import VISIBLE_EXCESS, YAW, shown, stated_apart, stated_text, way_words
+from posture_opt.selection.search.elastic_problem import (
+    AXIS,
+    CLEARANCE,
+    HELD,
+    LIMITS,
+    TARGET,
+    Compromise,
+    ElasticProblem,
+    gives_enough,
+)
+from posture_opt.selection.search.relaxation import (
+    VISIBLE_EXCESS,
+    YAW,
+    Change,
+    ChangedValue,
+    decimals_for,
+    exact_text,
+    rounded,
+    shown,
+    stated_apart,
+    stated_text,
+    way_words,
+)
 from posture_opt.selection.tasks import Task
 
 
 class Attempt(NamedTuple):
-    """How a change is written: what is given beyond the least, as a share of it, and more digits than usual."""
+    """Share given beyond the least, and digits more than usual, of a written change."""
 
     more: float
     digits: int = 0
 
 
-_BOUND_DIGITS = 4  # significant ones, of the bound of a term
+# In this order; the last ones are for what has one value that does, or must lie in a plane: rounding leaves both.
 ATTEMPTS = (Attempt(0.0), Attempt(0.003), Attempt(0.02), Attempt(0.0, 4), Attempt(0.003, 3))
-"""In this order; the last ones are for what has one value that does, or must lie in a plane: rounding leaves both."""
 PLANE_DECIMALS = 1, 4, 7  # of a move in mm onto the plane of an arm
 
 
 @dataclass(frozen=True)
 class Changes:
-    """The changes that one compromise shows, for one attempt at their digits.
-
-    Args:
-        problem, target: what was asked; ``elastic`` is what the compromise ``way`` solves.
-        task: as the file has it, with its held joints.
-    """
+    """The changes that the compromise ``way`` shows, for one attempt at their digits."""
 
     problem: OptimisationProblem
-    task: Task
-    elastic: ElasticProblem
+    task: Task  # as the file has it, with its held joints
+    elastic: ElasticProblem  # solved by ``way``
     target: TaskTarget
     way: Compromise
     attempt: Attempt
 
     def of(self, names: Sequence[str]) -> tuple[Change, ...]:
-        """What to change of the requirements ``names``; none where one of them has no key that would do."""
+        """Changes for the requirements ``names``; empty if one has no key for it."""
         found: list[Change] = []
         for name in names:
             changes = self._of_one(name)
@@ -66,7 +79,6 @@ class Changes:
         return tuple(found)
 
     def _of_one(self, name: str) -> list[Change]:
-        """What to change of one requirement."""
         makers: dict[str, Callable[[], list[Change]]] = {
             TARGET: self._target, AXIS: self._axis, LIMITS: self._limits, HELD: self._held,
             CLEARANCE: self._clearance, YAW: self._yaw,
@@ -83,22 +95,18 @@ class Changes:
     # --- the task -------------------------------------------------------------------------------------------------
 
     def _target(self) -> list[Change]:
-        """The target at the nearest point that the tool reaches."""
         point = np.array(self.problem.tool_point.walk(self.way.q.tolist())[0].position, dtype=float)
         shift = self._vector(point - np.clip(point, self.target.lower, self.target.upper))
         return _moved_target(self.problem, self.target, self.way.q, shift)
 
     def _axis(self) -> list[Change]:
-        """The tilt that would do; none beside a yaw, which allows no tilt, and none beyond a right angle."""
-        lacking = float(self.way.lacking[self.elastic.requirements.index(AXIS)])
-        tilt = self._up(self.target.tilt, lacking, "rad")
+        tilt = self._up(self.target.tilt, self.way.lacking[AXIS], "rad")
         if self.task.heading is not None or tilt.value > math.pi / 2:
             return []
         words = f"set tilt: {tilt.text} (now {stated_apart(self.target.tilt, tilt.value, 'rad')})"
         return [Change(("task", "tilt"), tilt.value, tilt.text, words, looser=1)]
 
     def _yaw(self) -> list[Change]:
-        """The yaw that the tool comes nearest to."""
         heading = self.problem.task.heading
         assert heading is not None, "a row of the yaw"
         rows = [row for row in self.problem.nlp.rows if row.name.partition(".")[0] == YAW]
@@ -112,7 +120,6 @@ class Changes:
         return [Change(("task", "yaw"), yaw.value, yaw.text, words)]
 
     def _held(self) -> list[Change]:
-        """Other values of the joints that would have to stand elsewhere."""
         changes = []
         for k, value in self.elastic.held.items():
             joint, off = self.problem.robot.joints[k], float(self.way.q[k] - value)
@@ -124,12 +131,10 @@ class Changes:
         return changes
 
     def _holding(self, joint: int) -> int:
-        """The number of the term that holds a joint."""
         terms = self.task.subject_to
         return next(k for k, term in enumerate(terms) if joint in term.held(self.problem.robot))
 
     def _term(self, name: str) -> list[Change]:
-        """The bounds of a term that would do: of each joint that it names, or one for all of its rows."""
         number = [known for known, _ in bound_terms(self.task)].index(name)
         term, rows = self.task.subject_to[number], [r for r in self.problem.nlp.rows if r.requirement == name]
         found: dict[tuple[str | int, ...], list[ChangedValue]] = {}
@@ -142,7 +147,7 @@ class Changes:
             joint = [term.stated()[k].joint] if isinstance(getattr(term, word), dict) else []
             key: tuple[str | int, ...] = ("task", "subject_to", number, word, *joint)
             given = reached + side * self.attempt.more * abs(reached - bound)
-            digits = decimals_for(given, row.unit, _BOUND_DIGITS + self.attempt.digits)
+            digits = decimals_for(given, row.unit, 4 + self.attempt.digits)  # significant digits of a bound: 4
             found.setdefault(key, []).append(rounded(given, row.unit, digits, side))
             bounds[key] = f"{word} of {row.name if joint else name} to {{}} (now {stated_text(bound, row.unit)})"
         changes = []
@@ -155,7 +160,6 @@ class Changes:
     # --- the robot and the cell -----------------------------------------------------------------------------------
 
     def _limits(self) -> list[Change]:
-        """The limits of the joints that would have to leave them."""
         changes = []
         for value, joint in zip(self.way.q, self.problem.robot.joints, strict=True):
             off = float(value - np.clip(value, joint.lower, joint.upper))
@@ -169,7 +173,6 @@ class Changes:
         return changes
 
     def _smaller(self, k: int, name: str) -> list[Change]:
-        """An obstacle made smaller on every side, or removed where too little of it would be left."""
         obstacles = self.elastic.cell.scene.obstacles
         before, key = obstacles[k], ("cell", "obstacles", obstacles[k].name)
         by = self._up(0.0, float(self.way.slacks[name][0]), "m")
@@ -180,14 +183,16 @@ class Changes:
             return [Change(key, None, None, f"remove obstacle {before.name}")]
         changed = {field: getattr(after, field) for field in type(after).model_fields}
         changed = {field: value for field, value in changed.items() if value != getattr(before, field)}
-        texts = {field: _lengths_text(value) for field, value in changed.items()}
+        texts = {
+            field: ([exact_text(v, "m") for v in value] if isinstance(value, tuple) else exact_text(value, "m"))
+            for field, value in changed.items()
+        }
         sizes = ", ".join(f"{f} {t if isinstance(t, str) else '[' + ', '.join(t) + ']'}" for f, t in texts.items())
         sides = " on every side" if math.isfinite(before.half_thickness) else ""
         words = f"obstacle {before.name} must give {by.text}{sides}: {sizes}"
         return [Change((*key, field), value, texts[field], words, looser=-1) for field, value in changed.items()]
 
     def _lower_mounting(self, by: ChangedValue) -> list[Change]:
-        """The mounting plane that the file states, farther below the base."""
         mounting = self.elastic.cell.scene.mounting
         if mounting is None or mounting.assumed:
             return []
@@ -197,7 +202,6 @@ class Changes:
         return [Change(("cell", "mounting", "below"), below, text, words, looser=1)]
 
     def _moved(self, k: int, name: str) -> list[Change]:
-        """An obstacle somewhere else."""
         obstacle = self.elastic.cell.scene.obstacles[k]
         shift = self._vector(self.way.slacks[name])
         moved = np.array([part.value for part in shift])
@@ -206,7 +210,6 @@ class Changes:
         return [_place(("cell", "obstacles", obstacle.name, "xyz"), there, words)]
 
     def _clearance(self) -> list[Change]:
-        """A smaller clearance of the cell."""
         margin, less = self.elastic.cell.scene.margin, float(self.way.slacks[CLEARANCE][0])
         left = rounded(margin - less * (1 + self.attempt.more), "m", self._decimals(less, "m"), -1)
         if not 0 <= left.value < margin:
@@ -217,17 +220,14 @@ class Changes:
     # --- digits ---------------------------------------------------------------------------------------------------
 
     def _values(self, rows: Sequence[Row]) -> list[list[float]]:
-        """Value, lower and upper bound of rows at the compromise."""
         nlp = self.problem.nlp
         at = ca.Function("at", [nlp.x, nlp.p], [ca.vertcat(row.expression, row.lower, row.upper) for row in rows])
         return [np.asarray(v, dtype=float).ravel().tolist() for v in at.call([self.way.q, self.target.parameters])]
 
     def _decimals(self, amount: float, unit: str) -> int:
-        """Decimals of a change by this much."""
         return int(np.clip(decimals_for(amount, unit, 2), 1, 4)) + self.attempt.digits
 
     def _up(self, base: float, amount: float, unit: str) -> ChangedValue:
-        """What is no less than a base and what is added to it."""
         return rounded(base + amount * (1 + self.attempt.more), unit, self._decimals(amount, unit), 1)
 
     def _beyond(self, value: float, off: float, unit: str) -> ChangedValue:
@@ -246,11 +246,7 @@ class Changes:
 
 
 def onto_plane(problem: OptimisationProblem, target: TaskTarget, q: Array, decimals: int) -> tuple[Change, ...]:
-    """The move that brings a target to the plane of the arm, with so many decimals of a millimetre.
-
-    Args:
-        q: (n,) a posture, for where the arm stands.
-    """
+    """Move of the target onto the plane of an arm that stands in posture q (n,), with ``decimals`` of a millimetre."""
     shift = [rounded(float(v), "m", decimals) for v in problem.reach.outside(target.lower, target.upper)]
     return tuple(_moved_target(problem, target, q, shift))
 
@@ -258,7 +254,6 @@ def onto_plane(problem: OptimisationProblem, target: TaskTarget, q: Array, decim
 def _moved_target(
     problem: OptimisationProblem, target: TaskTarget, q: Array, shift: Sequence[ChangedValue]
 ) -> list[Change]:
-    """A point or a region somewhere else."""
     moved = np.array([part.value for part in shift])
     words = f"move the target by {_vector_words(shift)}{way_words(problem, target, q, moved)}"
     if target.kind == "point":
@@ -272,13 +267,7 @@ def _place(key: tuple[str | int, ...], point: Array, words: str) -> Change:
     return Change(key, tuple(float(v) for v in point), [exact_text(float(v), "m") for v in point], words)
 
 
-def _lengths_text(value: float | tuple[float, ...]) -> str | list[str]:
-    """One or several lengths [m] as the file states them."""
-    return [exact_text(v, "m") for v in value] if isinstance(value, tuple) else exact_text(value, "m")
-
-
 def _vector_words(parts: Sequence[ChangedValue]) -> str:
-    """A vector in mm, all components with the decimals of the finest."""
     numbers = [part.text.split()[0] for part in parts]
     decimals = max(1, *(len(number.partition(".")[2]) for number in numbers))
     return "(" + ", ".join(f"{float(number) + 0.0:.{decimals}f}" for number in numbers) + ") mm"

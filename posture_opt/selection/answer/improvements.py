@@ -8,74 +8,49 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 import numpy as np
 
 from posture_opt.numerics import Array, Json, round_below
-from posture_opt.selection.answer.expected_calibration import Calibrating, after_calibration
+from posture_opt.robot.posture import drawn_between
+from posture_opt.selection.answer.target_answer import TargetAnswer
 from posture_opt.selection.problem_data import ProblemData
-from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.program.task_target import Reach, TaskTarget
 from posture_opt.selection.search.engine import STEPS, Engine
 from posture_opt.selection.search.search_outcome import is_clear
-from posture_opt.uncertainty.regions.critical import Critical
-from posture_opt.uncertainty.sources.sources import Sources
-from posture_opt.uncertainty.sources.workpiece import stated_name
-from posture_opt.uncertainty.spread.budget import Share
+from posture_opt.uncertainty.sources.sources import Sources, stated_name
 
-MIN_GAIN = 0.005
-"""A smaller relative gain is none."""
-_MIN_VARIANCE_SHARE = 0.01  # of the variance: sources with a smaller share are not asked about
-_MAX_SOURCES = 8  # of them
-_SHIFT_SHARE = 0.05  # of the size of the workspace: how far the part is moved, rounded down to 1, 2 or 5
-_SHIFT_DIRECTIONS = 8  # directions across that of the task
-_MAX_START_ALTERNATIVES = 4  # other postures that the moved part is tried with
+MIN_GAIN = 0.005  # a smaller relative gain is none
 
 
 @dataclass(frozen=True)
 class Improvement:
-    """One change that would help.
-
-    Args:
-        change: what changes: an error, the knowledge of the arm, or the place of the part.
-        sigma_max: [m] that it would leave; ``gain`` is ``1 − after/before``.
-    """
-
-    change: ClassVar[str]
-    sigma_max: float
-    gain: float
+    change: ClassVar[str]  # what changes: an error, the knowledge of the arm, or the place of the part
+    sigma_max: float  # [m] that it would leave
+    gain: float  # 1 − after/before
 
     def to_json(self) -> dict[str, Json]:
-        """Plain numbers, SI."""
         return {"change": self.change, **vars(self)}
 
 
 @dataclass(frozen=True)
 class HalvedSigma(Improvement):
-    """One stated standard deviation [rad or m] halved, the correlations kept.
-
-    Args:
-        parameter: its name; ``sigma`` the value as it is stated.
-    """
+    """One stated standard deviation halved, the correlations kept."""
 
     change = "halve_sigma"
     parameter: str
-    sigma: float
+    sigma: float  # as stated [rad or m]
 
 
 @dataclass(frozen=True)
 class CalibratedArm(Improvement):
-    """Errors that stay from repeat to repeat known as well as ``postures`` measured points determine them.
-
-    Args:
-        instrument: standard deviation of each coordinate of a measured point [m]; ``assumed`` where the file has none.
-    """
+    """Errors that stay known as well as ``postures`` measured points determine them."""
 
     change = "calibrate"
     postures: int
-    instrument: float
-    assumed: bool
+    instrument: float  # standard deviation of a measured coordinate [m]
+    assumed: bool  # the file states no instrument
 
 
 @dataclass(frozen=True)
@@ -86,111 +61,61 @@ class MovedPart(Improvement):
     shift: tuple[float, float, float]
 
 
-class AnsweredStation(Protocol):
-    """What is asked of one posture of an answer, a ``Solution``."""
-
-    @property
-    def problem(self) -> ProblemData: ...
-    @property
-    def critical(self) -> Critical: ...
-    @property
-    def budget(self) -> tuple[Share, ...]: ...
-    def sigma_under(self, sources: Sources) -> float:
-        """σ_max [m] in the same posture under other errors."""
-
-
-class MovableAnswer(Protocol):
-    """What is asked of an answer whose target may stand elsewhere, a ``Solution``."""
-
-    @property
-    def problem(self) -> ProblemData: ...
-    @property
-    def optimisation_problem(self) -> OptimisationProblem: ...
-    @property
-    def target(self) -> TaskTarget: ...
-    @property
-    def engine(self) -> Engine | None: ...
-    @property
-    def q(self) -> Array: ...
-    @property
-    def alternatives(self) -> Sequence[Any]: ...
-    def sigma_at(self, target: TaskTarget, q: Array) -> float:
-        """σ_max [m] at another target in the posture (n,)."""
-
-
 def improvements(
-    stations: Sequence[AnsweredStation], combined: Callable[[Array], Any], place: MovableAnswer | None = None
+    stations: Sequence[TargetAnswer], combined: Callable[[Array], Any], place: TargetAnswer | None = None
 ) -> tuple[Improvement, ...]:
-    """What would lower the standard deviation of an answer with a posture at each of K stations, most gain first.
-
-    Args:
-        combined: of (K,) standard deviations [m], the figure of merit of the answer.
-        place: the answer, where its part could also stand elsewhere.
-    """
-    before = float(combined(np.array([station.critical.sigma_max for station in stations])))
+    """Changes that lower ``combined`` of the K stations' standard deviations (K,) [m], most gain first."""
+    before = float(combined(np.array([station.sigma_max for station in stations])))
     if not before > 0:
         return ()
     problem = stations[0].problem
 
     def gain(sigma: float) -> tuple[float, float]:
-        """What is left of the standard deviation [m], and the relative gain."""
         return sigma, 1.0 - sigma / before
 
     def under(sources: Sources) -> tuple[float, float]:
-        """The same under other errors, in the postures of the answer."""
         return gain(float(combined(np.array([station.sigma_under(sources) for station in stations]))))
 
     found: list[Improvement] = [
         HalvedSigma(*under(_halved(problem.task_sources, name)), name, sigma)
         for name, sigma in _weighty(stations, problem.task_sources)
     ]
-    known = after_calibration(problem, Calibrating.of(problem))
+    # 30 postures, as many as ISO 9283 takes repeats; 0.05 mm: a laser tracker.
+    stated = 0.0 if problem.measurement is None else problem.measurement.position
+    postures, instrument = 30, stated or 0.05e-3
+    known = after_calibration(problem, postures, instrument)
     if known is not None:
-        left = known.sources.plus(problem.workpiece_sources)
-        found.append(CalibratedArm(*under(left), known.postures, known.instrument, known.assumed))
+        left = under(known.plus(problem.workpiece_sources))
+        found.append(CalibratedArm(*left, postures, instrument, assumed=not stated))
     moved = None if place is None else _moved(place, before)
     if moved is not None:
         found.append(MovedPart(*gain(moved[0]), moved[1]))
     return tuple(sorted(found, key=lambda change: -change.gain))
 
 
-def _weighty(stations: Sequence[AnsweredStation], sources: Sources) -> list[tuple[str, float]]:
-    """Name and σ of the sources with the largest shares in the variance of any station.
-
-    Only these are tried: halving a source of share s reduces σ by ``1 − sqrt(1 − 3 s/4)`` where nothing correlates.
-    """
-    shares: dict[str, float] = {}
-    for station in stations:
-        for share in station.budget:
-            shares[share.parameter] = max(shares.get(share.parameter, 0.0), share.share)
+def _weighty(stations: Sequence[TargetAnswer], sources: Sources) -> list[tuple[str, float]]:
+    """Sources to try: halving one of variance share s lowers σ by ``1 − sqrt(1 − 3 s/4)`` without correlations."""
+    every = sorted((share for station in stations for share in station.budget), key=lambda share: share.share)
+    shares = {share.parameter: share.share for share in every}
     sigma = dict(zip(map(stated_name, sources.names), map(float, sources.sigma), strict=True))
-    ranked = sorted(
-        (name for name in shares if shares[name] >= _MIN_VARIANCE_SHARE and name in sigma), key=lambda n: -shares[n]
-    )
-    return [(name, sigma[name]) for name in ranked[:_MAX_SOURCES]]
+    ranked = sorted((name for name in shares if shares[name] >= 0.01 and name in sigma), key=lambda n: -shares[n])
+    return [(name, sigma[name]) for name in ranked[:8]]
 
 
 def _halved(sources: Sources, name: str) -> Sources:
-    """The same sources with one standard deviation, as the file states it, halved, its correlations kept."""
     scale = np.where([stated_name(one) == name for one in sources.names], 0.5, 1.0)
     both = np.outer(scale, scale)
     return Sources(sources.names, sources.covariance * both, sources.notes, sources.scatter * both)
 
 
-def _moved(place: MovableAnswer, before: float) -> tuple[float, tuple[float, float, float]] | None:
-    """The least σ_max [m] with the part a short way off, and the way; None where the place was free, or none is better.
-
-    All places are tried in one batch of local searches, from the posture of the answer and from its alternatives.
-    """
+def _moved(place: TargetAnswer, before: float) -> tuple[float, tuple[float, float, float]] | None:
+    """Least σ_max [m] with the part a short way off, and that way; one batch of local searches for all places."""
     target, problem = place.target, place.optimisation_problem
     if target.kind != "point":
         return None
     targets = [target.with_position(target.lower + shift) for shift in _shifts(target, problem.reach)]
     engine = place.engine or Engine(problem, place.problem.solver, compiled=False)
-    known = [
-        place.q,
-        *(np.array(list(a.posture.values())) for a in place.alternatives[1 : 1 + _MAX_START_ALTERNATIVES]),
-    ]
+    known = [place.q, *(np.array(list(a.posture.values())) for a in place.alternatives[1:5])]
     of = np.repeat(np.arange(len(targets)), len(known))
     ends = engine.descended_each(np.tile(np.array(known), (len(targets), 1)), targets, of, STEPS)
     parameters = np.array([aim.parameters for aim in targets])[of]
@@ -205,10 +130,34 @@ def _moved(place: MovableAnswer, before: float) -> tuple[float, tuple[float, flo
 
 def _shifts(target: TaskTarget, reach: Reach) -> list[Array]:
     """Short shifts (3,) [m] across the direction of the task and along it; of a planar arm within its plane."""
-    length, within = round_below(_SHIFT_SHARE * reach.radius), reach.directions @ reach.directions.T
+    # 5 % of the workspace, rounded down to 1, 2 or 5
+    length, within = round_below(0.05 * reach.radius), reach.directions @ reach.directions.T
     axes = [axis for axis in (*target.basis.T, target.direction) if np.linalg.norm(within @ axis) > 0.5]
-    angles = 2 * np.pi * np.arange(_SHIFT_DIRECTIONS) / _SHIFT_DIRECTIONS
+    angles = 2 * np.pi * np.arange(8) / 8
     around = np.round(np.column_stack([np.cos(angles), np.sin(angles)]), 15)  # a quarter turn leaves no 1e-17
     ways = [w @ np.array(axes[:2]) for w in around] if len(axes) > 1 else [axes[0], -axes[0]]
     ways += [sign * axis for axis in axes[2:] for sign in (1.0, -1.0)]
     return [length * way for way in ways]
+
+
+def after_calibration(problem: ProblemData, count: int, instrument: float) -> Sources | None:
+    """Sources after ``count`` measured points, ``Σ ← Σ − ΣJᵀ(JΣJᵀ + R)⁻¹JΣ``; None where no error stays.
+
+    J (3, k) is the sensitivity of the tool point, ``R = s²I + J S Jᵀ`` of instrument [m] and scatter: linear least
+    squares with the stated σ's as priors (Bar-Shalom, Li and Kirubarajan 2001, section 3.2).
+    """
+    sources = problem.sources
+    remaining = sources.constant
+    if not np.any(np.diag(remaining) > 0):
+        return None
+    # Random postures within the limits, clear of collisions where enough of them are.
+    drawn = np.random.default_rng(0).uniform(*drawn_between(problem.robot), (10 * count, problem.robot.n))
+    clear = drawn[is_clear(problem.scene, drawn)] if problem.scene.active else drawn
+    for q in (clear if len(clear) >= count else drawn)[:count].tolist():
+        twists = problem.arm.twists(sources.names, q, problem.arm.reach(q).walk)
+        J = np.array([shift for shift, _ in twists], dtype=float).T
+        noise = instrument**2 * np.eye(3) + J @ sources.scatter @ J.T
+        gain = np.linalg.solve(J @ remaining @ J.T + noise, J @ remaining)
+        remaining = remaining - remaining @ J.T @ gain
+        remaining = (remaining + remaining.T) / 2
+    return Sources(sources.names, remaining + sources.scatter, sources.notes, sources.scatter)

@@ -1,9 +1,8 @@
 """Why nothing is feasible, and what would help: which requirement is in the way, and by how little it must give.
 
-Only asked when restarts of the search found nothing. Each requirement gives alone, as little as it can, while all the
-others are met; where none suffices alone, terms and obstacles give together, and then everything. The reason that is
-reported is the most particular one: a term or an obstacle before a limit, a limit before the tool axis, the target
-last.
+Each requirement gives alone, as little as it can, while all the others are met; where none suffices alone, terms and
+obstacles give together, then everything. The reason that is reported is the most particular one. For several stations
+a change is sought at every one that fails, and the loosest value that any needs is solved first, then offered.
 """
 
 from __future__ import annotations
@@ -16,45 +15,32 @@ import numpy as np
 
 from posture_opt.numerics import Array
 from posture_opt.robot.posture import Posture
-from posture_opt.selection.answer.changes import ATTEMPTS, PLANE_DECIMALS, Changes, onto_plane
+from posture_opt.selection.answer.changes import ATTEMPTS, PLANE_DECIMALS, Attempt, Changes, onto_plane
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.program.task_target import TaskTarget
-from posture_opt.selection.search.change import Change
-from posture_opt.selection.search.elastic_problem import AXIS, LIMITS, TARGET, Compromise, ElasticProblem
+from posture_opt.selection.search.elastic_problem import AXIS, CLEARANCE, LIMITS, TARGET, Compromise, ElasticProblem
 from posture_opt.selection.search.engine import CandidatePosture, Engine
-from posture_opt.selection.search.giving_scene import CLEARANCE
-from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE, InverseKinematics, unlimited
+from posture_opt.selection.search.inverse_kinematics import InverseKinematics, unlimited
 from posture_opt.selection.search.multistart import MultistartResult
-from posture_opt.selection.search.relaxation import Reason, Reasons, Relaxation, plane_reason
-from posture_opt.selection.search.search_outcome import is_clear
-from posture_opt.selection.search.search_statistics import SearchStatistics
+from posture_opt.selection.search.relaxation import Change, Reason, Reasons, Relaxation, plane_reason
+from posture_opt.selection.search.search_outcome import SearchStatistics, is_clear
 from posture_opt.statements import Statement
 
 _POOL_POSTURES = 200  # random postures that are led towards the target: so many that of a reachable one some arrive
-_REACH_TOLERANCE = 0.01  # of the arm's reach, by which a target may be missed that is not clearly out of it
 _STARTS_NEAR_KNOWN = 3  # beside postures that are near already
-_STARTS_OF_ALL = 4  # where everything may give: each start leads to a compromise
-_STARTS_PER_ORDER = 6  # for a requirement that gives: those that lack least, and those that lack least of the others
-SEARCH = "search"
-"""Name of the reason where nothing is known but that the search found nothing."""
-MAX_OBSTACLES = 3  # that are asked to give alone, of those that give together
+SEARCH = "search"  # name of the reason where nothing is known but that the search found nothing
 MAX_OFFERED = 4  # changes that are offered: each is solved first
-MAX_TRIALS = 6  # solves that this takes at most
 
+# Whether the problem with some changes has a solution; near the posture (n,) that they were read from, it should.
 Does = Callable[[Sequence[Change], Array], bool]
-"""Whether the problem with some changes has a solution; near the posture (n,) that they were read from, it should."""
-Way = tuple[tuple[str, ...], Compromise]
-"""Requirements that suffice when they give, and how."""
+Way = tuple[tuple[str, ...], Compromise]  # requirements that suffice when they give, and how
 
 
 @dataclass(frozen=True)
 class Explanation:
-    """The posture (n,) that comes nearest, why it does not do, and what would help, cheapest first.
-
-    Without reasons it does after all.
-    """
+    """The posture (n,) that comes nearest, why it does not do (no reasons: it does), and what helps, cheapest first."""
 
     q: Array
     reasons: tuple[Reason, ...] = ()
@@ -68,90 +54,53 @@ class Explanation:
 
 
 def met_after_all(engine: Engine, found: MultistartResult) -> CandidatePosture | None:
-    """A posture that meets every requirement where no random start led to one; None where there is none.
-
-    Interior-point steps with requirements that may give end at one where nothing has to.
-    """
+    """A posture that meets every requirement where no random start led to one, by the elastic program; else None."""
     return Infeasibility(engine, found, None, {}, lambda changes, near: False).met()
 
 
 def not_met_together(engine: Engine, found: MultistartResult, nearest: CandidatePosture) -> Explanation:
-    """What to say where neither the search nor the inquiry found a posture, nor which requirement is in the way.
-
-    Args:
-        nearest: where the last local search ended.
-    """
+    """What to say where neither search nor inquiry found a posture, nor the requirement in the way."""
     elastic, target = engine.elastic, found.target
     lacking = elastic.lacking(nearest.q[None], target.parameters)[0]
-    way = Compromise(nearest.q, lacking, float(elastic.cost(lacking)), {})
-    missed = [name for name, amount in zip(elastic.requirements, lacking, strict=True) if amount > ROW_TOLERANCE]
+    way = elastic.compromise(nearest.q, lacking, {})
     message = (
-        f"no posture was found that meets all of the requirements, from {found.tried} random starts and by relaxing "
-        "the requirements in turn; more starts may help (solver: {starts: 500})"
+        f"no posture was found that meets all of the requirements, from {found.tried} random starts and by relaxing"
     )
+    message += " the requirements in turn; more starts may help (solver: {starts: 500})"
     whole = Reason(SEARCH, message, nearest.violation, "1")
-    return Explanation(nearest.q, (whole, *Reasons(engine.optimisation_problem, elastic, target, way).of(missed)))
+    return Explanation(nearest.q, (whole, *Reasons(engine.optimisation_problem, elastic, target, way).of(way.giving)))
 
 
 def infeasible(
     problem: ProblemData, engine: Engine, found: MultistartResult, why: Explanation, seconds: float
 ) -> Solution:
-    """The infeasible solution: nearest posture, the reasons, and what would help.
-
-    Args:
-        seconds: since the search began.
-    """
-    counts = (found.arrived, found.tried, found.polished, 0, 0, 0)
-    statistics = SearchStatistics(*counts, found.sampled, None, float("nan"), found.batches, 0, seconds)
-    asked, target = engine.optimisation_problem, found.target
+    counts = found.arrived, found.tried, found.polished
+    statistics = SearchStatistics(*counts, found.sampled, seconds, batches=found.batches)
+    asked, target, none = engine.optimisation_problem, found.target, np.zeros((0, len(why.q)))
     notes: tuple[str | Statement, ...] = (*problem.notes, asked.axis_note(target))
-    return Solution(
-        problem,
-        asked,
-        target,
-        "infeasible",
-        why.q,
-        statistics,
-        np.zeros((0, len(why.q))),
-        notes,
-        why.reasons,
-        why.relaxations,
-    )
+    return Solution(problem, asked, target, "infeasible", why.q, statistics, none, notes, why.reasons, why.relaxations)
 
 
 @dataclass(frozen=True)
 class Infeasibility:
-    """The inquiry into one search that found nothing: which requirement gives, and by how little.
+    """The inquiry into a search that found nothing: each requirement gives alone, some together, then all."""
 
-    Each requirement is asked to give alone; where none suffices, terms and obstacles together, and then all.
-
-    Args:
-        engine: of the task without its held joints, with rows that keep the arm clear.
-        found: the search, which ended without a feasible posture.
-        asked: the problem with the target of the search; None where nothing is offered.
-        held: the joints that its task holds.
-        does: whether the problem with some changes is solved; each is tried before it is offered.
-    """
-
-    engine: Engine
+    engine: Engine  # of the task without its held joints, with rows that keep the arm clear
     found: MultistartResult
-    asked: ProblemData | None
-    held: Mapping[int, float]
-    does: Does
+    asked: ProblemData | None  # the problem with the target of the search; None where nothing is offered
+    held: Mapping[int, float]  # joint index -> value [rad or m] that the task holds
+    does: Does  # tries each change before it is offered
 
     @property
     def problem(self) -> OptimisationProblem:
-        """What was asked, with its rows."""
         return self.engine.optimisation_problem
 
     @property
     def target(self) -> TaskTarget:
-        """Where the tool point was to go."""
         return self.found.target
 
     @cached_property
     def elastic(self) -> ElasticProblem:
-        """The program in which requirements may give."""
         return ElasticProblem(self.problem, self.held) if self.held else self.engine.elastic
 
     def explanation(self) -> Explanation:
@@ -178,20 +127,13 @@ class Infeasibility:
         return end if end.feasible else None
 
     def _clear(self, way: Compromise) -> CandidatePosture | None:
-        """The posture of a compromise that is clear by exact distances, of which the rows are lower bounds; else None.
-
-        It is no optimum: of the postures that lack something of these bounds it is the one that lacks least.
-        """
+        """The posture of a compromise where exact distances clear it (the rows are lower bounds); no optimum."""
         scene, in_cell = self.problem.scene, self.elastic.in_cell
-        beside = [
-            amount for name, amount in zip(self.elastic.requirements, way.lacking, strict=True) if name not in in_cell
-        ]
-        if scene is None or max(beside, default=0.0) > ROW_TOLERANCE or not is_clear(scene, way.q[None])[0]:
+        if scene is None or {*way.giving} - {*in_cell} or not is_clear(scene, way.q[None])[0]:
             return None
         return replace(self.engine.candidates(way.q[None], self.target)[0], violation=0.0)
 
     def _explained(self, ways: Sequence[Way]) -> Explanation:
-        """The reasons of the most particular way, and what helps of all of them, cheapest first."""
         beside = {CLEARANCE, *self.elastic.cell.movable}  # of rows that are named where they suffice alone
         names, nearest = max(ways, key=lambda way: (specific(way[0]), not {*way[0]} & beside, -way[1].cost))
         reasons = self.reasons(names, nearest)
@@ -204,20 +146,20 @@ class Infeasibility:
         return Explanation(nearest.q, reasons, tuple(offered))
 
     def reasons(self, names: Sequence[str], way: Compromise) -> tuple[Reason, ...]:
-        """What is missed until the requirements ``names`` give."""
+        """Requirements missed until ``names`` give."""
         rows = [name for name in names if name in (TARGET, AXIS, LIMITS, *self.elastic.further)]
         if not rows:  # the clearance of the cell gives: what is nearer than that
             lacking = self.elastic.lacking(way.q[None], self.target.parameters)[0]
-            way = replace(way, lacking=lacking)
-            rows = [name for name in self.elastic.in_cell if lacking[self.elastic.requirements.index(name)] > 0]
+            way = self.elastic.compromise(way.q, lacking, way.slacks)
+            rows = [name for name in self.elastic.in_cell if way.lacking[name] > 0]
         return Reasons(self.problem, self.elastic, self.target, way).of(rows)
 
     def relaxation(self, names: Sequence[str], way: Compromise, ways: Sequence[Way], does: Does) -> Relaxation | None:
-        """The change that a way shows, with the first digits that do; None where none does."""
+        """The change that a way shows, with the first digits that solve the problem, or None."""
         assert self.asked is not None
         assert self.asked.task is not None
         task = self.asked.task
-        given = [name for name in names if way.lacking[self.elastic.requirements.index(name)] > 0]
+        given = [name for name in names if way.lacking[name] > 0]
         if TARGET in given and self._in_solid(way):
             return None  # nobody puts a workpiece there
         reasons = self._reasons_of(given, way, ways)
@@ -229,14 +171,12 @@ class Infeasibility:
         return None if changes is None else Relaxation(words_of(changes), reasons, posture, way.cost, changes)
 
     def _reasons_of(self, names: Sequence[str], way: Compromise, ways: Sequence[Way]) -> tuple[Reason, ...]:
-        """The reasons of a way; of an obstacle that moves those of its row."""
         movable, rows = self.elastic.cell.movable, {k: name for name, k in self.elastic.cell.obstacles.items()}
         of_row = {(rows[movable[name]],) for name in names if name in movable}
         moved = next(((row, other) for row, other in ways if row in of_row), None)
         return self.reasons(names, way) if moved is None else self.reasons(*moved)
 
     def _onto_plane(self, q: Array, outside: Reason) -> Explanation:
-        """A target outside of the plane of the arm: what brings it there."""
         assert self.asked is not None
         for decimals in PLANE_DECIMALS:
             changes = onto_plane(self.problem, self.target, q, decimals)
@@ -250,7 +190,9 @@ class Infeasibility:
 
     def ways(self) -> list[Way]:
         """The requirements that suffice when they give, each way with the compromise that they come to."""
-        every = [name for name in (TARGET, AXIS, LIMITS, *self.elastic.further) if self._may_give(name)]
+        fixed = {TARGET} if self.target.kind == "anywhere" else set()
+        fixed |= set() if self.problem.axis_rows else {AXIS}
+        every = [name for name in (TARGET, AXIS, LIMITS, *self.elastic.further) if name not in fixed]
         names = [TARGET] if TARGET in every and not self._in_reach else every
         alone: dict[str, Compromise] = {}
         in_cell = [name for name in names if name in self.elastic.in_cell]
@@ -266,40 +208,25 @@ class Infeasibility:
         for together in (further, every):  # what was added to the task, before the task itself
             way = self._least(together) if together else None
             if way is not None:
-                return [(self._giving(way), way)]
+                return [(way.giving, way)]
         return []
 
     def _ways_of_cell(self, rows: Sequence[str], near: Sequence[Array]) -> dict[str, Compromise]:
-        """The rows of the cell that suffice when they give, the places of their obstacles, and the clearance."""
         whole = self._least(rows, near) if rows else None
         if whole is None:
             return {}
-        giving = [name for name in self._giving(whole) if name in rows] or list(rows[:1])
-        found: dict[str, Compromise] = {}
-        for name in giving[:MAX_OBSTACLES]:
-            way = whole if len(giving) == 1 else self._least((name,), [whole.q, *near])
-            if way is not None:
-                found[name] = way
+        giving = [name for name in whole.giving if name in rows] or list(rows[:1])
+        near = [whole.q, *near]
+        found = {giving[0]: whole} if len(giving) == 1 else self._alone(giving[:3], near)
         obstacle = {k: name for name, k in self.elastic.cell.movable.items()}
         places = [obstacle[k] for name, k in self.elastic.cell.obstacles.items() if name in found and k in obstacle]
         scene = self.problem.scene
         clearance = [CLEARANCE] if scene is not None and scene.margin > 0 else []
-        for name in (*places, *clearance):
-            way = self._least((name,), [whole.q, *near])
-            if way is not None:
-                found[name] = way
-        return found
+        return found | self._alone([*places, *clearance], near)
 
-    def _giving(self, way: Compromise) -> tuple[str, ...]:
-        """The requirements that give in a compromise; none where nothing is missing."""
-        lacks = way.lacking > ROW_TOLERANCE
-        return tuple(name for name, gives in zip(self.elastic.requirements, lacks, strict=True) if gives)
-
-    def _may_give(self, name: str) -> bool:
-        """Whether a requirement can give at all: a target anywhere is always met, an axis that is free too."""
-        if name == TARGET:
-            return self.target.kind != "anywhere"
-        return name != AXIS or self.problem.axis_rows > 0
+    def _alone(self, names: Sequence[str], near: Sequence[Array]) -> dict[str, Compromise]:
+        ways = {name: self._least((name,), near) for name in names}
+        return {name: way for name, way in ways.items() if way is not None}
 
     def _least(self, given: Sequence[str], near: Sequence[Array] = ()) -> Compromise | None:
         """The least that the requirements ``given`` must give, sought from ``near`` and the best others."""
@@ -310,9 +237,10 @@ class Infeasibility:
         # Postures that lack nothing else may be far from what is asked for; those that lack least in all are near.
         whole, others = self._cost(np.ones_like(held)), np.round(self._cost(held), 4)
         orders = np.argsort(whole), np.lexsort((self._cost(~held), others))
-        most = _STARTS_NEAR_KNOWN if len(near) else _STARTS_PER_ORDER
+        most = _STARTS_NEAR_KNOWN if len(near) else 6
         chosen = self._pool[np.column_stack([order[:most] for order in orders]).ravel()]  # in turn of either
-        starts = np.vstack([*near, chosen])[: _STARTS_OF_ALL if {TARGET, LIMITS} <= {*given} else None]
+        # Where everything may give, each start leads to a compromise
+        starts = np.vstack([*near, chosen])[: 4 if {TARGET, LIMITS} <= {*given} else None]
         way = self.elastic.least(self.target.parameters, given, starts)
         if way is None or TARGET not in given or not self._in_solid(way):
             return way
@@ -320,7 +248,6 @@ class Infeasibility:
         return way if level is None or self._in_solid(level) else level
 
     def _in_solid(self, way: Compromise) -> bool:
-        """Whether the tool point comes into a solid or below the mounting plane, where the target is not."""
         scene = self.problem.scene
         if scene is None:
             return False
@@ -362,20 +289,15 @@ class Infeasibility:
 
     @cached_property
     def _free(self) -> InverseKinematics:
-        """The inverse kinematics of the arm without its limits."""
         task, reach = self.problem.task, self.problem.reach
         return InverseKinematics(unlimited(self.problem.arm), task.tool_axis, reach.directions, self.engine.compiled)
 
     @cached_property
     def _in_reach(self) -> bool:
-        """Whether the tool comes to the target with any axis, beyond limits and through obstacles; else it has to give.
-
-        A position alone is missed by none of so many postures that are led there, unless it is out of reach.
-        """
         if self.problem.reach.excludes(self.target.lower, self.target.upper):
             return False
         misses = self.elastic.lacking(self._led(self._free, False), self.target.parameters)[:, 0]
-        return bool(np.nanmin(misses) < _REACH_TOLERANCE * self.problem.reach.radius)
+        return bool(np.nanmin(misses) < 0.01 * self.problem.reach.radius)
 
     def _led(self, ik: InverseKinematics, with_axis: bool) -> Array:
         """(N, n) random postures after inverse kinematics towards the target, with or without its tool axis."""
@@ -387,7 +309,7 @@ class Infeasibility:
 
 
 def specific(names: Sequence[str]) -> int:
-    """How much of a choice the engineer has who stated these requirements: the target is what it is all about."""
+    """Rank of the engineer's choice in requirements: terms and obstacles, limits, tool axis, then the target."""
     order = (TARGET, AXIS, LIMITS)
     return min(order.index(name) if name in order else len(order) for name in names)
 
@@ -395,7 +317,7 @@ def specific(names: Sequence[str]) -> int:
 def first_that_does(
     written: Iterable[tuple[Change, ...]], does: Callable[[Sequence[Change]], bool]
 ) -> tuple[Change, ...] | None:
-    """The first of some changes with which the problem is solved; None where none does, or nothing would change."""
+    """The first changes that solve the problem, or None."""
     tried: list[tuple[Change, ...]] = []
     for changes in written:
         if not changes:
@@ -407,8 +329,7 @@ def first_that_does(
 
 
 def limited(does: Does) -> Does:
-    """The same question, answered `MAX_TRIALS` times; then with no."""
-    left = iter(range(MAX_TRIALS))
+    left = iter(range(6))
 
     def asked(changes: Sequence[Change], near: Array) -> bool:
         """Whether the problem with some changes is solved; no, once enough were tried."""
@@ -418,5 +339,104 @@ def limited(does: Does) -> Does:
 
 
 def words_of(changes: Sequence[Change]) -> str:
-    """What to change, in one sentence."""
     return " and ".join(dict.fromkeys(change.words for change in changes))
+
+
+@dataclass(frozen=True)
+class _SharedWay:
+    """Requirements that give at every station that fails, with the compromise of each; ``worst`` is the costliest."""
+
+    names: tuple[str, ...]
+    ways: tuple[Compromise, ...]
+
+    @property
+    def worst(self) -> int:
+        return int(np.argmax([way.cost for way in self.ways]))
+
+    @property
+    def cost(self) -> float:
+        return max(way.cost for way in self.ways)
+
+
+def explain_stations(inquiry: Infeasibility, targets: Sequence[TaskTarget], names: Sequence[str]) -> Explanation:
+    """The reasons at the station that lacks most, and changes that do for all; ``targets`` are those that fail."""
+    reach = inquiry.problem.reach
+    outside = [
+        (reason, name) for target, name in zip(targets, names, strict=True) if (reason := plane_reason(reach, target))
+    ]
+    if outside:
+        reason, name = max(outside, key=lambda pair: pair[0].amount)
+        return Explanation(inquiry.nearest, (replace(reason, message=f"{name}: {reason.message}"),))
+    # At most 40, spread evenly
+    chosen = np.unique(np.linspace(0, len(targets) - 1, min(40, len(targets))).round().astype(int)).tolist()
+    targets, names = [targets[k] for k in chosen], [names[k] for k in chosen]
+    start = min(range(len(targets)), key=lambda k: float(np.linalg.norm(targets[k].lower - inquiry.target.lower)))
+    ways = [_shared(inquiry, own, targets, start) for own in inquiry.ways() if not own[1].met]
+    shared = [way for way in ways if way is not None]
+    if not shared:
+        return Explanation(inquiry.nearest)
+    cell = inquiry.elastic.cell
+    changing = [way for way in shared if not {*way.names} & {TARGET, *cell.movable}]
+    own = [way for way in shared if not {*way.names} & {*cell.movable}] or shared
+    chief = max(own, key=lambda way: (specific(way.names), -way.cost))
+    reasons = _reasons(inquiry, chief, targets, names)
+    offered: list[Relaxation] = []
+    inquiry = replace(inquiry, does=limited(inquiry.does))
+    for way in sorted(changing, key=lambda way: way.cost):
+        if len(offered) < MAX_OFFERED and (found := _relaxation(inquiry, way, targets, names)) is not None:
+            offered.append(found)
+    return Explanation(chief.ways[chief.worst].q, reasons, tuple(offered))
+
+
+def _shared(
+    inquiry: Infeasibility, own: tuple[tuple[str, ...], Compromise], targets: Sequence[TaskTarget], start: int
+) -> _SharedWay | None:
+    """The least that these requirements must give at every station, from ``start`` outwards, or None."""
+    names, first = own
+    found: dict[int, Compromise] = {}
+    for order in (range(start, len(targets)), range(start - 1, -1, -1)):
+        near = first
+        for k in order:
+            starts = np.array([near.q, first.q, *inquiry.postures_near(targets[k])])
+            way = inquiry.elastic.least(targets[k].parameters, names, starts)
+            if way is None:
+                return None
+            found[k] = near = way
+    return _SharedWay(names, tuple(found[k] for k in range(len(targets))))
+
+
+def _reasons(
+    inquiry: Infeasibility, way: _SharedWay, targets: Sequence[TaskTarget], names: Sequence[str]
+) -> tuple[Reason, ...]:
+    worst = way.worst
+    at = replace(inquiry, found=replace(inquiry.found, target=targets[worst]))
+    found = at.reasons(way.names, way.ways[worst])
+    return tuple(replace(reason, message=f"{names[worst]}: {reason.message}") for reason in found)
+
+
+def _relaxation(
+    inquiry: Infeasibility, way: _SharedWay, targets: Sequence[TaskTarget], names: Sequence[str]
+) -> Relaxation | None:
+    written = (_changes(inquiry, way, targets, attempt) for attempt in ATTEMPTS if not attempt.digits)
+    changes = first_that_does(written, lambda changes: inquiry.does(changes, way.ways[way.worst].q))
+    if changes is None:
+        return None
+    reasons, posture = _reasons(inquiry, way, targets, names), Posture(inquiry.problem.robot, way.ways[way.worst].q)
+    return Relaxation(words_of(changes), reasons, posture, way.cost, changes)
+
+
+def _changes(
+    inquiry: Infeasibility, way: _SharedWay, targets: Sequence[TaskTarget], attempt: Attempt
+) -> tuple[Change, ...]:
+    assert inquiry.asked is not None
+    assert inquiry.asked.task is not None
+    task, loosest = inquiry.asked.task, dict[str, Change]()
+    for target, one in zip(targets, way.ways, strict=True):
+        given = [name for name in way.names if one.lacking[name] > 0]
+        changes = Changes(inquiry.problem, task, inquiry.elastic, target, one, attempt).of(given)
+        if given and not changes:
+            return ()
+        for change in changes:
+            before = loosest.get(change.path)
+            loosest[change.path] = change if before is None else before.with_room_for(change)
+    return tuple(loosest.values())

@@ -5,17 +5,16 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import get_args
 
 import numpy as np
 
-from posture_opt.collision.contact_slack import ContactSlack
+from posture_opt.collision.contacts import ContactSlack
 from posture_opt.errors import InputError, Issue, NoSolutionError
 from posture_opt.interrupts import interruptible
 from posture_opt.model.toolchain import find_compiler
 from posture_opt.numerics import Array, Progress
-from posture_opt.selection.answer.held_joints import held_joints, released, with_held_joints
 from posture_opt.selection.answer.infeasible import (
     Does,
     Explanation,
@@ -24,28 +23,46 @@ from posture_opt.selection.answer.infeasible import (
     met_after_all,
     not_met_together,
 )
-from posture_opt.selection.answer.solution import Solution, Status
+from posture_opt.selection.answer.solution import Solution
+from posture_opt.selection.answer.target_answer import Status
 from posture_opt.selection.problem_data import ProblemData
-from posture_opt.selection.program.optimisation_problem import Alignment, OptimisationProblem
+from posture_opt.selection.program.optimisation_problem import (
+    Alignment,
+    OptimisationProblem,
+    held_joints,
+    released,
+    with_held_joints,
+)
 from posture_opt.selection.program.task_target import PLANE_TOLERANCE, Reach, TaskTarget
-from posture_opt.selection.search.axis_alignment import Aligner
-from posture_opt.selection.search.batches import until_found_often, until_recurrence, usual_starts
-from posture_opt.selection.search.change import Change, with_changes
-from posture_opt.selection.search.confirmed_posture import confirmed
 from posture_opt.selection.search.engine import CandidatePosture, Engine
-from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE
-from posture_opt.selection.search.multistart import MultistartResult, distinct, multistart, rank
-from posture_opt.selection.search.screened_search import screened_search
-from posture_opt.selection.search.search_outcome import SearchOutcome, Seek, clear_ones, searched
-from posture_opt.selection.search.search_statistics import SearchStatistics, Sweep, sweep
+from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE, Aligner
+from posture_opt.selection.search.multistart import (
+    MultistartResult,
+    as_good,
+    distinct,
+    multistart,
+    rank,
+    screened_search,
+    until_found_often,
+    until_recurrence,
+    usual_starts,
+)
+from posture_opt.selection.search.relaxation import Change, with_changes
+from posture_opt.selection.search.search_outcome import (
+    SearchOutcome,
+    SearchStatistics,
+    Seek,
+    Sweep,
+    clear_ones,
+    confirmed,
+    searched,
+    sweep,
+)
 from posture_opt.selection.tasks import Task
 from posture_opt.statements import Quantity, Statement, state
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
 from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.uncertainty.spread.task_spread import lies_in_plane
-
-_MAX_LIFTED = 8  # postures below an assumed mounting plane from which one above it is sought
-_NEARLY_MET = 1e-3  # m, rad or 1: what rounding of a change and lower bounds of distances leave
 
 
 class PostureSelector:
@@ -88,8 +105,7 @@ class PostureSelector:
         self.reach: Reach = Reach.of(arm, self.task.tool_axis)
         self.target: TaskTarget = TaskTarget.of(self.task, self.reach)
         self._aligner = Aligner(arm, self.task, self.reach, compiled, problem.arm)
-        self._engines: dict[tuple[str, Alignment, bool, bool], Engine] = {}
-        self._exact_engines: dict[tuple[str, Alignment, bool], Engine] = {}
+        self._engines: dict[tuple[str, Alignment, bool, bool, bool], Engine] = {}
         self.engine(self.target).optimisation_problem.check_axis(self.target)
 
     def engine(self, target: TaskTarget, guarded: bool | None = None) -> Engine:
@@ -100,17 +116,21 @@ class PostureSelector:
         """
         return self.engine_of_all([target], guarded)
 
-    def engine_of_all(self, targets: Sequence[TaskTarget], guarded: bool | None = None) -> Engine:
-        """The functions that solve every one of some targets of a kind: what one of them cannot have, none has."""
+    def engine_of_all(self, targets: Sequence[TaskTarget], guarded: bool | None = None, exact: bool = False) -> Engine:
+        """The functions that solve every one of some targets of a kind: what one of them cannot have, none has.
+
+        Args:
+            exact: whether exact distances in C take the place of rows.
+        """
         scene = self._problem.scene
         guarded = scene.explicit if guarded is None else guarded and scene.active
         in_plane = all(lies_in_plane(target.direction, self.reach.normal) for target in targets)
         alignments = [self._aligner.at(target) for target in targets]
         kind = targets[0].kind, max(alignments, key=get_args(Alignment).index), in_plane
-        key = *kind, guarded
+        key = *kind, guarded, exact
         if key not in self._engines:
             problem = OptimisationProblem(self.tool_point, self.task, self.reach, *kind, scene if guarded else None)
-            self._engines[key] = Engine(problem, self._problem.solver, self._compiled)
+            self._engines[key] = Engine(problem, self._problem.solver, self._compiled, exact)
         return self._engines[key]
 
     @interruptible()
@@ -177,9 +197,10 @@ class PostureSelector:
     def feasible(self, starts: int) -> bool:
         """Whether so many starts find a posture that does the task; why there is none is not asked."""
 
-        def seek(engine: Engine) -> tuple[MultistartResult, Sweep | None]:
-            rng = np.random.default_rng(self._problem.solver.seed)
-            return until_found_often(engine, self.target, rng, starts), None
+        def seek(engine: Engine) -> tuple[MultistartResult, None]:
+            return until_found_often(
+                engine, self.target, np.random.default_rng(self._problem.solver.seed), starts
+            ), None
 
         return bool(self._searched(seek, self.target).feasible)
 
@@ -207,10 +228,6 @@ class PostureSelector:
         return self._solved(seek, aim, began, confirm=True)
 
     def _solved(self, seek: Seek, target: TaskTarget, began: float, confirm: bool) -> Solution:
-        """The solution of a search, or of one in the problem's fallbacks.
-
-        What is found without a mounting plane is lifted above it first: a search may have missed the postures that are.
-        """
         outcome = self._searched(seek, target, exact=not confirm)
         wider = None if outcome.feasible else self._wider
         if wider is None:
@@ -218,7 +235,7 @@ class PostureSelector:
         if self._problem.narrowed:
             return wider._solved(seek, target, began, confirm)
         without = wider._searched(seek, target, exact=not confirm)
-        above = self._lifted(without.feasible[:_MAX_LIFTED], outcome)
+        above = self._lifted(without.feasible[:8], outcome)
         return self._answer(above, began, confirm) if above else wider._answer(without, began, confirm)
 
     def _lifted(self, below: Sequence[CandidatePosture], outcome: SearchOutcome) -> SearchOutcome | None:
@@ -231,57 +248,40 @@ class PostureSelector:
         ends = clear_ones(tuple(engine.polished(start, target) for start in starts), self._problem.scene)
         met = tuple(sorted((candidate for candidate in ends if candidate.feasible), key=rank))
         found = replace(outcome.found, found=(*met, *outcome.found.found))
-        return replace(outcome, engine=engine, found=found, by_starts=met) if met else None
+        return replace(outcome, engine=engine, found=found) if met else None
 
     @cached_property
     def _wider(self) -> PostureSelector | None:
-        """The selection of the problem's fallback; None where there is none, or where the mounting plane is kept."""
+        """The selection of the problem's fallback, or None; a kept mounting plane has none."""
         problem, kept = self._problem.fallback, self._keeps_mounting
         if problem is None or (kept and not self._problem.narrowed):
             return None
         return PostureSelector(problem, compiled=self._compiled, keeps_mounting=kept, explains=self._explains)
 
     def _searched(self, seek: Seek, target: TaskTarget, exact: bool = False) -> SearchOutcome:
-        """The search without rows against collisions, and again with them where the answer collides.
-
-        Args:
-            exact: whether exact distances in C take the place of the rows, where there is a compiler.
-        """
         free, scene = self.engine(target, guarded=False), self._problem.scene
-        if not (exact and self._has_exact(free)):
-            return searched(seek, free, lambda: self.engine(target, guarded=True), scene)
-        return searched(seek, free, lambda: self._exact_engine(target), self._slack)
+        exact = exact and self._has_exact(free)
+        guarded = partial(self.engine_of_all, [target], True, exact)
+        return searched(seek, free, guarded, self._slack if exact else scene)
 
     def clear_engine(self, target: TaskTarget) -> Engine:
         """The functions that keep the arm clear at least cost: by exact distances in C, or by rows without a compiler.
 
         Both are clear of the same things by the same margin.
         """
-        exact = self._has_exact(self.engine(target, guarded=False))
-        return self._exact_engine(target) if exact else self.engine(target, guarded=True)
+        return self.engine_of_all([target], True, self._has_exact(self.engine(target, guarded=False)))
 
     def _has_exact(self, free: Engine) -> bool:
         return self._problem.scene.active and free.compiled is not False and bool(find_compiler())
 
     @cached_property
     def _slack(self) -> ContactSlack:
-        """How near postures come to anything, in C."""
         return ContactSlack(self._problem.scene.contacts, self._compiled)
-
-    def _exact_engine(self, target: TaskTarget) -> Engine:
-        """The functions that keep the arm clear by exact distances; built on first use."""
-        free = self.engine(target, guarded=False)
-        problem = free.optimisation_problem
-        key = problem.kind, problem.alignment, problem.in_plane
-        if key not in self._exact_engines:
-            kept = replace(problem, scene=self._problem.scene)
-            self._exact_engines[key] = Engine(kept, self._problem.solver, self._compiled, exact=True)
-        return self._exact_engines[key]
 
     def _target(
         self, position: Sequence[float] | None, direction: Sequence[float] | None, clearance: float | None
     ) -> TaskTarget:
-        """The target of the task with another position [m], direction or clearance [m]; refuses what is not finite."""
+        """The task's target at another position [m], direction or clearance [m], all finite."""
         target = self.target
         if position is not None:
             target = target.with_position(np.asarray(position, dtype=float))
@@ -294,15 +294,7 @@ class PostureSelector:
         return target
 
     def _answer(self, outcome: SearchOutcome, began: float, confirm: bool) -> Solution:
-        """The solution of a search, or the error with the reasons.
-
-        Alternatives are among the distinct optima that the search ended at.
-
-        Args:
-            confirm: whether the solver of the problem is started at the best of them.
-        """
-        found, by_starts, by_sweep = outcome.found, outcome.by_starts, outcome.by_sweep
-        problem = outcome.engine.optimisation_problem
+        found, problem = outcome.found, outcome.engine.optimisation_problem
         feasible = outcome.feasible or self._rescued(found, began)
         best, confirmation = feasible[0], None
         if confirm:
@@ -310,27 +302,28 @@ class PostureSelector:
             best = feasible[0]
         # A solve that stalled is no optimum; it counts only where nothing better is known.
         ended = [c for c in feasible if c.optimal] or feasible[:1]
-        apart = distinct(np.array([c.q for c in ended]), self._problem.robot) if by_sweep else range(len(ended))
+        apart = distinct(np.array([c.q for c in ended]), self._problem.robot) if outcome.by_sweep else range(len(ended))
         optima = [ended[k] for k in apart]
-        seconds = time.perf_counter() - began
-        statistics = SearchStatistics.of(found, outcome.swept, by_starts, best, len(optima), seconds, confirmation)
-
+        statistics = SearchStatistics(
+            found.arrived, found.tried, found.polished, found.sampled, time.perf_counter() - began,
+            converged=sum(c.optimal for c in outcome.by_starts), distinct=len(optima),
+            hits=found.hits if found.found and found.found[0].objective <= as_good(best.objective) else 0,
+            batches=found.batches, recurred=found.recurred, sweep=outcome.swept, confirmation=confirmation,
+        )  # fmt: skip
         notes: tuple[str | Statement, ...] = (
             *self._problem.notes, problem.axis_note(found.target), *self.remarks(),
         )  # fmt: skip
-        if not by_starts and not by_sweep:
+        if not outcome.feasible:
             notes = (*notes, state("selection.relaxed-search"))
         notes += self._beside(best.q, found.target)
         refuted = confirmation is not None and confirmation.refutes
         status: Status = "optimal" if best.optimal and not refuted else "feasible"
-        seen = np.vstack([best.q, found.sampled.Q])
         return Solution(
             self._problem, problem, found.target, status, best.q, statistics, np.array([c.q for c in optima]), notes,
-            feasible=seen, engine=outcome.engine,
+            feasible=np.vstack([best.q, found.sampled.Q]), engine=outcome.engine,
         )  # fmt: skip
 
     def _rescued(self, found: MultistartResult, began: float) -> list[CandidatePosture]:
-        """What the inquiry into the failure found to be feasible after all; else the error with the reasons."""
         if not self._explains:
             raise NoSolutionError("no posture was found that does the task")
         engine = self.engine(found.target, guarded=True)  # what is offered keeps the arm clear of collisions too
@@ -350,7 +343,6 @@ class PostureSelector:
         raise NoSolutionError(why.text, solution)
 
     def _explained(self, found: MultistartResult) -> Explanation:
-        """What keeps a search from finding anything, and which changes help."""
         target = found.target
         asked = replace(self._problem, task=target.in_task(self.task))
 
@@ -386,7 +378,8 @@ class PostureSelector:
         A posture ``near`` (n,) that was read from a compromise decides where it does, or misses by more than rounding.
         """
         aim, seed = self.target if target is None else target, self._problem.solver.seed
-        if near is not None and not ROW_TOLERANCE < (missed := self._missed(aim, near)) <= _NEARLY_MET:
+        # 1e-3: rounding of a change, and lower bounds of distances
+        if near is not None and not ROW_TOLERANCE < (missed := self._missed(aim, near)) <= 1e-3:
             return missed <= ROW_TOLERANCE
         engine = self.engine(aim, guarded=True)
         starts = self._problem.solver.starts or usual_starts(engine)
@@ -402,7 +395,6 @@ class PostureSelector:
         return max(engine.candidates(Q, target)[0].violation, -float(self._problem.scene.slack(Q)[0]))
 
     def _beside(self, q: Array, target: TaskTarget) -> tuple[Statement, ...]:
-        """How far the tool point of an arm that moves in a plane stays off a target that does not lie in it."""
         if not self.reach.normals.shape[1]:
             return ()
         point = np.array(self.tool_point.walk(q.tolist())[0].position, dtype=float)
@@ -425,41 +417,27 @@ class PostureSelector:
 
 
 def task_of(problem: ProblemData) -> Task:
-    """The task, or an InputError where there is none."""
     if problem.task is None:
-        raise InputError(
-            Issue("the problem states no task", ("task",), hint="add task: {kind: insert}, or name one: --task insert")
-        )
+        hint = "add task: {kind: insert}, or name one: --task insert"
+        raise InputError(Issue("the problem states no task", ("task",), hint=hint))
     return problem.task
 
 
 def one_target(task: Task) -> Task:
-    """The same task, or an InputError where it has several targets."""
-    if task.features:
-        hint = (
-            "solve the task as it is (its report maps the bench), or name one target: position: [0.6 m, 0.2 m, 0.1 m]"
-        )
-        raise InputError(
-            Issue("this takes a task with one target, and the task has features", ("task", "features"), hint=hint)
-        )
-    if task.on_path:
-        hint = (
-            "solve the task as it is (its report maps the bench), or name one target: position: [0.6 m, 0.2 m, 0.1 m]"
-        )
-        raise InputError(Issue("this takes a task with one target, and the task has a path", ("task",), hint=hint))
+    """The task, or an InputError for several targets."""
+    if task.features or task.on_path:
+        what, key = ("features", ("task", "features")) if task.features else ("a path", ("task",))
+        hint = "solve the task as it is, or name one target: position: [0.6 m, 0.2 m, 0.1 m]"
+        raise InputError(Issue(f"this takes a task with one target, and the task has {what}", key, hint=hint))
     return task
 
 
 def sources_of(problem: ProblemData) -> Sources:
-    """The sources of error that the task sees, or an InputError where none of the arm could make a difference.
-
-    Errors of the workpiece alone are the same in every posture.
-    """
+    """The sources that the task sees; an InputError without one of the arm: the workpiece's are alike everywhere."""
     # Stricter than for one posture: a spread of zero is an answer there, but no reason for any choice.
     if problem.sources.empty or not np.any(np.diag(problem.sources.covariance) > 0):
         hint = "add uncertainty: {sigma: {JOINT.theta: 0.02 deg}} or uncertainty: {repeatability: 0.05 mm}"
         what = "nothing" if problem.workpiece_sources.empty else "nothing of the arm"
-        raise InputError(
-            Issue(f"{what} is uncertain, so no posture is better than another", ("uncertainty",), hint=hint)
-        )
+        message = f"{what} is uncertain, so no posture is better than another"
+        raise InputError(Issue(message, ("uncertainty",), hint=hint))
     return problem.task_sources

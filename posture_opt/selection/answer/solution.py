@@ -7,70 +7,25 @@ steps of the joints besides.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Any, ClassVar, Literal, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
-from posture_opt.collision.nearest import Clearance
-from posture_opt.numerics import Array, Json, Mask, finite_or_none
-from posture_opt.result import Result
-from posture_opt.robot.posture import Posture
-from posture_opt.selection.answer.combine import combined_sigma
-from posture_opt.selection.answer.configurations import configurations
-from posture_opt.selection.answer.end_moments import end_moments
+from posture_opt.collision.pairs import Clearance
+from posture_opt.numerics import Array, Json, Mask
 from posture_opt.selection.answer.improvements import MIN_GAIN, Improvement, improvements
-from posture_opt.selection.answer.lower_bound import LowerBound, lower_bound
-from posture_opt.selection.answer.most_manipulable import ManipulablePosture, most_manipulable
+from posture_opt.selection.answer.placement import Placement, VisitingOrder, best_order, combined_sigma
 from posture_opt.selection.answer.prices import Price, prices_of
-from posture_opt.selection.answer.shared_placement import Placement
 from posture_opt.selection.answer.solution_statements import solution_statements
-from posture_opt.selection.answer.visiting_order import VisitingOrder, best_order
-from posture_opt.selection.problem_data import ProblemData
-from posture_opt.selection.program.optimisation_problem import OptimisationProblem
+from posture_opt.selection.answer.target_answer import TargetAnswer
 from posture_opt.selection.program.task_target import TaskTarget
-from posture_opt.selection.search.confirmation import UNCONFIRMED_JSON, Confirmation, joined_confirmation
-from posture_opt.selection.search.engine import Engine
-from posture_opt.selection.search.relaxation import Reason, Relaxation
-from posture_opt.selection.search.search_statistics import SearchStatistics
+from posture_opt.selection.search.engine import UNCONFIRMED_JSON, Confirmation, joined_confirmation
 from posture_opt.selection.tasks.workpiece import Combine
 from posture_opt.statements import Statement
-from posture_opt.uncertainty.regions.critical import Critical
-from posture_opt.uncertainty.regions.regions import Ellipsoid
-from posture_opt.uncertainty.sources.sources import Sources
-from posture_opt.uncertainty.sources.workpiece import ANGLE, FEATURE, POSITION, stated_name
-from posture_opt.uncertainty.spread.budget import Share
-from posture_opt.uncertainty.spread.orientation import Orientation
-from posture_opt.uncertainty.spread.spread import Spread, budget_json, groups_json, relative_spread
+from posture_opt.uncertainty.sources.sources import ANGLE, FEATURE, POSITION, stated_name
 from posture_opt.uncertainty.spread.success_of_all import JointSuccess, PlaceErrors, success_of_all
-from posture_opt.uncertainty.spread.task_spread import TaskSpread, sigma_along
-
-_MAX_ALTERNATIVES = 8  # a 6R wrist has that many branches (Pieper 1968)
-_MAX_COMPARED_STATIONS = 100  # neighbouring points of a longer path are alike
-Status = Literal["optimal", "feasible", "infeasible"]
-
-
-@dataclass(frozen=True)
-class Alternative:
-    """A distinct posture that does the task too.
-
-    Args:
-        posture: joint name -> rad or m.
-        position: (3,) its tool point, world [m].
-        sigma_max: of the part that counts [m].
-        configuration: names of shoulder, elbow and wrist; empty for arms that have none.
-    """
-
-    posture: Posture
-    position: Array
-    sigma_max: float
-    configuration: tuple[str, ...] = ()
-
-    def to_json(self) -> dict[str, Json]:
-        """Plain numbers, SI."""
-        named: dict[str, Json] = {"configuration": ", ".join(self.configuration)} if self.configuration else {}
-        return {"posture": self.posture, "position": self.position.tolist(), "sigma_max": self.sigma_max, **named}
 
 
 class FollowedPath(Protocol):
@@ -85,13 +40,13 @@ class FollowedPath(Protocol):
 
 
 def _part(part: str, name: str, text: str) -> Any:
-    """What only some answers have: an attribute of their part; None where an answer has no such part."""
+    """An attribute of a part that only some answers have; else None."""
     of = {"placement": " – of the placement of a workpiece, else None", "followed": " – of a path, else None"}
     return property(lambda found: getattr(getattr(found, part), name, None), doc=f"{text}{of.get(part, '')}.")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Solution(Result):
+class Solution(TargetAnswer):
     """The answer to one problem; where it is infeasible, the nearest posture and the reasons.
 
     Of several stations ``q``, ``posture`` and ``alternatives`` are those of the first; ``sigma_max``, ``spread``,
@@ -112,18 +67,6 @@ class Solution(Result):
         followed: of a path, how its points are joined.
     """
 
-    problem: ProblemData
-    optimisation_problem: OptimisationProblem
-    target: TaskTarget
-    status: Status
-    q: Array
-    statistics: SearchStatistics
-    ended: Array
-    notes: tuple[str | Statement, ...] = ()
-    reasons: tuple[Reason, ...] = ()
-    relaxations: tuple[Relaxation, ...] = ()
-    feasible: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    engine: Engine | None = None
     points: tuple[Solution, ...] = ()
     names: tuple[str, ...] = ()
     placement: Placement | None = None
@@ -245,125 +188,6 @@ class Solution(Result):
         return None if self.placement is None else self.placement.bench(self.postures)
 
     @cached_property
-    def most_manipulable(self) -> ManipulablePosture | None:
-        """The posture of greatest manipulability that does the task too; None where nothing was found."""
-        return most_manipulable(self.optimisation_problem, self.target, self.problem.solver, self.feasible)
-
-    @property
-    def posture(self) -> Posture:
-        """Joint name -> value [rad or m] at the first station, printed in degrees."""
-        return Posture(self.optimisation_problem.robot, self.q)
-
-    @cached_property
-    def spread(self) -> Spread:
-        """The spread of the tool at the worst station, relative to the workpiece where that errs too."""
-        return self.worst.spread if self.points else relative_spread(self.problem, self.q, self.target.lever)
-
-    @property
-    def covariance(self) -> Array:
-        """(3, 3) exact covariance of the tool point at the worst station, [m²]; relative to the workpiece."""
-        return self.spread.covariance
-
-    @property
-    def ellipse(self) -> Ellipsoid:
-        """Ellipse of a planar arm, else ellipsoid, of the tool point at the worst station."""
-        return self.spread.ellipse
-
-    @cached_property
-    def ranked(self) -> Array:
-        """(k, n) at most eight of the local optima, best first: those of each configuration, then others."""
-        named = configurations(self.problem.robot, self.ended)
-        again = [bool(name) and name in named[:k] for k, name in enumerate(named)]
-        kept = sorted(range(len(self.ended)), key=again.__getitem__)[:_MAX_ALTERNATIVES]
-        return np.asarray(self.ended[sorted(kept)])
-
-    @property
-    def alternatives(self) -> tuple[Alternative, ...]:
-        """The best local optimum of each configuration of the arm at the first station, best first; the first is the
-        answer itself.
-
-        Every local optimum of an arm whose configurations have no names is one, and of a target that may be moved.
-        """
-        named = [other.configuration * (self.target.kind == "point") for other in self.optima]
-        return tuple(other for k, other in enumerate(self.optima) if not named[k] or named[k] not in named[:k])
-
-    @cached_property
-    def optima(self) -> tuple[Alternative, ...]:
-        """Distinct local optima of the first station, best first, those that differ by the spin of the tool or by what
-        a redundant arm has over among them.
-        """
-        if not len(self.ranked):
-            return ()
-        moments = end_moments(self.optimisation_problem, self.ranked, self.basis, self.target.lever)
-        robot = self.problem.robot
-        named = configurations(robot, self.ranked)
-        return tuple(
-            Alternative(Posture(robot, q), x, float(s), name)
-            for q, x, s, name in zip(self.ranked, moments.position, moments.sigma, named, strict=True)
-        )
-
-    @property
-    def basis(self) -> Array:
-        """(3, m) orthonormal basis of the part of the spread that counts, world, at the worst station."""
-        return critical_basis(self.worst.optimisation_problem, self.worst.target)
-
-    @cached_property
-    def task_spread(self) -> TaskSpread:
-        """The spread of the worst station as the task sees it: across, along, probability, peg and yaw."""
-        if self.points:
-            return self.worst.task_spread
-        return self._seen(self.spread)
-
-    def _seen(self, spread: Spread) -> TaskSpread:
-        """A spread in the posture of the answer as the task sees it."""
-        task, target = self.optimisation_problem.task, self.target
-        critical = Critical.of(task.within, self.basis, spread.covariance, spread.bias)
-        axes, along = np.vstack([target.basis.T, target.direction]), sigma_along(target.direction, spread.covariance)
-        seen = TaskSpread(task.kind, axes, target.clearance, critical, along, spread.tool_point, spread.q)
-        return seen.of_task(task, self.basis, spread.covariance)
-
-    @property
-    def critical(self) -> Critical:
-        """The spread across the direction (or along it, or all of it, as the task says) at the worst station."""
-        return self.task_spread.critical
-
-    @property
-    def sigma_max(self) -> float:
-        """Largest standard deviation of the part that counts [m], ``sqrt(λ_max(Bᵀ C B))``, at the worst station.
-
-        What answers are compared by, whatever the criterion that was minimised.
-        """
-        return self.critical.sigma_max
-
-    @property
-    def sigma_along(self) -> float:
-        """Standard deviation along the task's direction [m]."""
-        return self.task_spread.sigma_along
-
-    @property
-    def success_probability(self) -> float | None:
-        """Probability to stay within the clearance at the worst station, bias included; None without a clearance."""
-        return self.task_spread.success_probability
-
-    @property
-    def budget(self) -> tuple[Share, ...]:
-        """Share of each source in the variance along the worst axis of the worst station, largest first."""
-        return self.task_spread.budget
-
-    @cached_property
-    def orientation(self) -> Orientation:
-        """How far the tool leans and turns by the errors, at the worst station."""
-        return Orientation.of(self.spread, self.optimisation_problem.task.tool_axis)
-
-    @cached_property
-    def lower_bound(self) -> LowerBound | None:
-        """A spread that no posture can beat at the target of the worst station; None where there is no such bound."""
-        worst = self.worst
-        return lower_bound(
-            worst.optimisation_problem.tool_point.seen_from(worst.target.lever.tolist()), worst.target, self.basis
-        )
-
-    @cached_property
     def clearance(self) -> Clearance | None:
         """The least distance of the arm to what it is checked against, over all postures; None where nothing is
         checked.
@@ -374,15 +198,14 @@ class Solution(Result):
     @cached_property
     def prices(self) -> tuple[Price, ...]:
         """What one unit of each requirement that holds the answer back is worth, largest first."""
-        if self.points and (self.followed is not None or self.combine != "worst" or self._placement_is_free):
+        if self.points and (
+            self.followed is not None
+            or self.combine != "worst"
+            or (self.placement is not None and bool(self.placement.free.any()))
+        ):
             return ()  # what holds one station is not what holds all of them together
         held = self.worst
         return () if held.engine is None else prices_of(held.engine, held.target, held.statistics.confirmation)
-
-    @property
-    def _placement_is_free(self) -> bool:
-        """Whether the workpiece could stand elsewhere."""
-        return self.placement is not None and bool(self.placement.free.any())
 
     @property
     def confirmation(self) -> Confirmation | None:
@@ -416,27 +239,11 @@ class Solution(Result):
         return solution_statements(self)
 
     def _compared(self) -> tuple[Solution, ...]:
-        """The stations that changes are compared at: all, or of a long path some, evenly, and the worst one."""
         count = len(self.points)
-        if count <= _MAX_COMPARED_STATIONS:
+        if count <= 100:  # neighbouring points of a longer path are alike
             return self.points or (self,)
-        even = np.linspace(0, count - 1, _MAX_COMPARED_STATIONS).round().astype(int)
+        even = np.linspace(0, count - 1, 100).round().astype(int)
         return tuple(self.points[k] for k in np.union1d(even, self.worst_index).tolist())
-
-    def sigma_under(self, sources: Sources) -> float:
-        """σ_max [m] of the part that counts, in this posture under other ``sources`` of error, of the workpiece too."""
-        if not np.any(sources.covariance):
-            return 0.0
-        spread = relative_spread(self.problem, self.q, self.target.lever, sources)
-        return self._seen(spread).critical.sigma_max
-
-    def sigma_at(self, target: TaskTarget, q: Array) -> float:
-        """σ_max [m] of the part that counts, at another target in the posture (n,)."""
-        return replace(self, target=target, q=q).critical.sigma_max
-
-    def gain_over(self, sigma: float) -> float:
-        """Relative reduction of σ_max against ``sigma`` [m], ``1 − σ_max/sigma``: 0.1 means 10 % smaller."""
-        return 1.0 - self.sigma_max / sigma if sigma > 0 else 0.0
 
     def fields_json(self) -> dict[str, Json]:
         """The document ``solution.json``: SI units, finite numbers only."""
@@ -469,7 +276,6 @@ class Solution(Result):
         return self.problem.scene.mounting_note(self.postures)
 
     def _mounting_json(self) -> dict[str, Any]:
-        """What the arm stands on, and the links that nothing is known of."""
         scene = self.problem.scene
         mounting = None if scene.mounting is None else scene.mounting.to_json()
         return {"mounting": mounting, "unchecked": list(scene.unchecked)}
@@ -483,7 +289,6 @@ class Solution(Result):
         return {**{key: sigma.get(name, 0.0) for key, name in stated.items()}, "origin": origin.tolist()}
 
     def _features_json(self) -> dict[str, Any]:
-        """What holds for all features: each of them, the worst, all together, the order of visits, other placements."""
         success = self.success if self.status != "infeasible" else None
         return {
             "combine": self.combine,
@@ -505,60 +310,6 @@ class Solution(Result):
             },
         }
 
-    def station_json(self, name: str) -> dict[str, Any]:
-        """What the document of several features says of one of them: plain data."""
-        document = {"name": name, "status": self.status, **self.posture_json(), **self.spread_json()}
-        kept = ("name", "status", "posture", "tool", "critical", "covariance", "success_probability")
-        return {key: document[key] for key in kept}
-
-    def posture_json(self) -> dict[str, Any]:
-        """The posture, its tool pose, and what else could be chosen: the part of the first station in
-        ``solution.json``.
-        """
-        spread = self.spread
-        return {
-            "posture": self.posture,
-            "tool": {"position": spread.position.tolist(), "quaternion_wxyz": spread.quaternion_wxyz.tolist()},
-            "alternatives": [alternative.to_json() for alternative in self.alternatives],
-            "most_manipulable": self.most_manipulable and self.most_manipulable.to_json(),
-        }
-
-    def spread_json(self) -> dict[str, Any]:
-        """The spread of the tool point, what it is made of and what it is compared with: the part of the worst
-        station.
-        """
-        spread, statistics = self.spread, self.statistics
-        return {
-            "covariance": spread.covariance.tolist(),
-            "covariance_first_order": spread.covariance_first_order.tolist(),
-            "bias": spread.bias.tolist(),
-            **spread.method_json,
-            **self.task_spread.to_json(),
-            "budget": budget_json(self.budget),
-            "budget_groups": groups_json(self.task_spread.budget_groups),
-            "validity": spread.validity.to_json(),
-            "floor": self._lower_bound_json(),
-            "orientation": self.orientation.to_json(),
-            "typical_sigma_max": finite_or_none(statistics.typical),
-            "worst_sigma_max": finite_or_none(statistics.worst),
-        }
-
-    def _lower_bound_json(self) -> dict[str, Json] | None:
-        """The bound with the source that sets it; null where there is none."""
-        if self.lower_bound is None:
-            return None
-        return {"sigma_max": self.lower_bound.sigma, "source": self.lower_bound.source, "share": self.lower_bound.share}
-
     def explain(self) -> str:
         """The optimisation problem as it was solved: variables, objective, rows, and their values here."""
         return str(self._presenter.explain())
-
-
-def critical_basis(optimisation_problem: OptimisationProblem, target: TaskTarget) -> Array:
-    """(3, m) orthonormal basis of the part of the spread that the task cares about."""
-    within = optimisation_problem.task.within
-    if within == "along":
-        return target.direction[:, None]
-    if within == "across":
-        return target.basis[:, : optimisation_problem.across_rank]
-    return optimisation_problem.reach.directions if optimisation_problem.flat else np.eye(3)

@@ -16,15 +16,10 @@ DESCRIPTIONS = {
 
 
 def task_objective(problem: ProblemData) -> tuple[ca.Function, dict[str, str]]:
-    """``q -> (objective, gradient, hessian)``, a number, ``∂objective/∂q`` (n,) and ``∂²objective/∂q²`` (n, n), with a
-    description of each.
+    """``q -> (objective, ∂objective/∂q (n,), ∂²objective/∂q² (n, n))``, and a description of each.
 
-    By the criterion ``worst`` the objective is the largest variance [m²] in the directions that count, as the
-    selection has it, errors of the workpiece included; further terms of the task are added with their weights, and the
-    variance is not scaled.
-
-    Raises:
-        InputError: no task, several targets, or a task that the arm cannot do.
+    By the criterion ``worst`` it is the largest variance [m²] in the directions that count; further terms have their
+    weights, and the variance is not scaled.
     """
     selector = PostureSelector(problem, compiled=False)
     found = selector.engine(selector.target).optimisation_problem

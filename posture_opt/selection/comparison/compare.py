@@ -2,26 +2,51 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from functools import partial
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Generic, TypeVar
 
 import numpy as np
 
 from posture_opt.errors import InputError, Issue, NoSolutionError, SolverError
 from posture_opt.interrupts import interruptible
-from posture_opt.model.reach_bound import stretched
+from posture_opt.model.chain import stretched
 from posture_opt.numerics import Array, Progress
-from posture_opt.robot.robot import Robot
 from posture_opt.selection.answer.selector import PostureSelector
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.comparison.comparison import ComparedAnswer, Comparison
-from posture_opt.selection.comparison.on_demand import OnDemand
-from posture_opt.selection.comparison.predicted_error import JudgedAnswer, judged_answer
+from posture_opt.selection.comparison.predicted_error import judged_answer
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.select_posture import at_one_feature, select_posture
 from posture_opt.statements import Statement, state
-from posture_opt.uncertainty.sources.sources import Sources
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, eq=False)
+class OnDemand(Mapping[str, T], Generic[T]):
+    """Values by name, each made when it is first asked for."""
+
+    names: Collection[str]
+    make: Callable[[str], T]
+    _made: dict[str, T] = field(default_factory=dict)
+
+    def __getitem__(self, name: str) -> T:
+        if name not in self.names:
+            raise KeyError(name)
+        if name not in self._made:
+            self._made[name] = self.make(name)
+        return self._made[name]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.names
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.names)
+
+    def __len__(self) -> int:
+        return len(self.names)
+
 
 Reasons = tuple[str, ...]
 """Why there is no answer, in sentences."""
@@ -71,7 +96,7 @@ def compare(
     if all(isinstance(answer, tuple) for answer in found.values()):
         reasons = [f"{name}: {reason}" for name, why in found.items() if isinstance(why, tuple) for reason in why]
         raise NoSolutionError("\n".join(reasons))
-    return Comparison(_compared(asked, found), notes=notes)
+    return Comparison({name: _column(asked, name, answer) for name, answer in found.items()}, notes=notes)
 
 
 @interruptible()
@@ -101,66 +126,45 @@ def compare_plans(
         >>> {name: f"{1e3 * sigma:.2g} mm" for name, sigma in judged.items()}
         {'nominal': '0.29 mm', 'calibrated': '0.16 mm'}
     """
-    *others, reference = models
+    *_, reference = models
     if any(model.task is None for model in models.values()):
         return None
-    unanswered: dict[str, Solution | Reasons] = dict.fromkeys(others, ())
+    chosen: Solution | Reasons
     try:
         models = at_one_feature(models, models[reference], seed=seed, workers=workers)
+        chosen = _planned(models[reference], seed, hint)
     except (NoSolutionError, InputError, SolverError) as error:
-        reasons = tuple(str(error).splitlines())
-        return Comparison(_compared(models, {**unanswered, reference: reasons}), reference)
-    chosen = _planned(models[reference], seed, hint)
-    if isinstance(chosen, tuple):
-        return Comparison(_compared(models, {**unanswered, reference: chosen}), reference)
-    asked = {name: _scattering(model, models[reference].sources) for name, model in models.items()}
-    column = partial(_planned_column, asked, reference, chosen, seed, hint, measured)
+        chosen = tuple(str(error).splitlines())
+    if isinstance(chosen, tuple):  # nor are the others asked
+        reasons = {name: chosen if name == reference else () for name in models}
+        return Comparison({name: ComparedAnswer(models[name], reasons=why) for name, why in reasons.items()}, reference)
+    sources = models[reference].sources
+    asked = {name: replace(one, sources=sources) if one.sources.empty else one for name, one in models.items()}
+
+    def column(name: str) -> ComparedAnswer:
+        answer = chosen if name == reference else _planned(asked[name], seed, hint)
+        return _column(asked, name, answer, basis=chosen.basis, measured=measured)
+
     return Comparison(OnDemand(tuple(asked), column), reference)
-
-
-def _planned_column(
-    asked: Mapping[str, ProblemData], reference: str, chosen: Solution, seed: int | None, hint: str,
-    measured: Array | None, name: str,
-) -> ComparedAnswer:  # fmt: skip
-    """The column of one of the models; that of the reference has been ``chosen``."""
-    answer = chosen if name == reference else _planned(asked[name], seed, hint)
-    return _column(asked, name, answer, chosen.basis, measured)
-
-
-def _compared(
-    problems: Mapping[str, ProblemData], found: Mapping[str, Solution | Reasons]
-) -> dict[str, ComparedAnswer]:  # fmt: skip
-    """The columns of a comparison."""
-    return {name: _column(problems, name, answer) for name, answer in found.items()}
 
 
 def _column(
     problems: Mapping[str, ProblemData], name: str, answer: Solution | Reasons, basis: Array | None = None,
     measured: Array | None = None,
 ) -> ComparedAnswer:  # fmt: skip
-    """The answer of one of the problems, judged by all of them whose arms have the same joints."""
     problem = problems[name]
     if isinstance(answer, tuple):
         return ComparedAnswer(problem, reasons=answer)
-    judges = {judge: other for judge, other in problems.items() if _same_joints(problem.robot, other.robot)}
-    judged = partial(_judged, judges, answer.stations, basis, measured)
-    return ComparedAnswer(problem, answer, OnDemand(tuple(judges), judged))
-
-
-def _judged(
-    judges: Mapping[str, ProblemData], stations: Sequence[Solution], basis: Array | None, measured: Array | None,
-    judge: str,
-) -> JudgedAnswer:  # fmt: skip
-    """What one of the models predicts of an answer."""
-    return judged_answer(judges[judge], stations, basis, measured)
-
-
-def _same_joints(one: Robot, other: Robot) -> bool:
-    return [joint.type for joint in one.joints] == [joint.type for joint in other.joints]
+    kinds = {judge: [joint.type for joint in other.robot.joints] for judge, other in problems.items()}
+    judges = tuple(judge for judge, kind in kinds.items() if kind == kinds[name])
+    return ComparedAnswer(
+        problem,
+        answer,
+        OnDemand(judges, lambda judge: judged_answer(problems[judge], answer.stations, basis, measured)),
+    )
 
 
 def _same_task(problems: Mapping[str, ProblemData]) -> tuple[dict[str, ProblemData], tuple[Statement, ...]]:
-    """The problems with the task of the first, and which of them had another."""
     name, first = next(iter(problems.items()))
     if first.task is None:
         hint = f"add a task: section to {name}, name the file with the task first, or write --task and --position"
@@ -176,13 +180,7 @@ def _same_task(problems: Mapping[str, ProblemData]) -> tuple[dict[str, ProblemDa
     return asked, tuple(notes)
 
 
-def _scattering(model: ProblemData, sources: Sources) -> ProblemData:
-    """The model, under other sources of error where it states none itself."""
-    return replace(model, sources=sources) if model.sources.empty else model
-
-
 def _planned(problem: ProblemData, seed: int | None, hint: str) -> Solution | Reasons:
-    """The one posture that a model plans, or the reasons why it has none."""
     hints = (hint,) if hint else ()
     if far := _far_away(problem):
         return (far, *hints)
@@ -196,12 +194,9 @@ def _planned(problem: ProblemData, seed: int | None, hint: str) -> Solution | Re
 
 
 def _far_away(problem: ProblemData) -> str:
-    """Why the target is out of reach of any arm of this length, or an empty text; a search would take much longer."""
-    robot, task = problem.robot, problem.task
-    assert task is not None
-    if task.position is None:
+    (first, longest), task = stretched(problem.robot), problem.task
+    if task is None or task.position is None:
         return ""
-    first, longest = stretched(robot)
     distance = float(np.linalg.norm(np.array(task.position) - first))
     if distance <= longest:
         return ""

@@ -1,44 +1,64 @@
-"""The best postures of many targets at once: random starts for all of them in batches, then what neighbours know.
-
-Targets next to each other mostly have the same best branch of the inverse kinematics, and targets that joint 1 turns
-onto each other have the same branches. So each target tries the postures of both: a better posture spreads over the
-map, a missing one is found next to a known one, and of equally good ones all targets take the same. Targets that are
-still worse than their neighbours predict are searched again with many more starts.
-"""
+"""The best postures of many targets: random starts, exchange with neighbours, and again where they collide."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from itertools import chain
 
 import numpy as np
 
-from posture_opt.numerics import Progress
-from posture_opt.selection.maps.map_candidate import MapCandidate
-from posture_opt.selection.maps.map_exchange import NeighbourExchange, is_better
-from posture_opt.selection.maps.map_neighbours import Neighbourhood
-from posture_opt.selection.maps.map_points import NeighbourSolves
-from posture_opt.selection.maps.map_rounds import worked_on
-from posture_opt.selection.maps.map_solved_again import outlying_targets, targets_to_search_again
-from posture_opt.selection.maps.map_starts import best_among, better_of, freedom, out_of_plane
-from posture_opt.selection.maps.map_trials import BETTER
+from posture_opt.collision.scene import Scene
+from posture_opt.numerics import Array, Progress
+from posture_opt.selection.maps.map_exchange import NeighbourExchange, Neighbourhood, Pairs, worked_on
+from posture_opt.selection.maps.map_points import MapCandidate, NeighbourSolves, PackedRow
+from posture_opt.selection.maps.map_trials import (
+    BETTER,
+    best_among,
+    better_of,
+    candidate_patterns,
+    freedom,
+    is_better,
+    out_of_plane,
+)
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.engine import CandidatePosture, Engine
+from posture_opt.selection.search.search_outcome import is_clear
 from posture_opt.workers import Workers
 from posture_opt.workers.record_pattern import recorded
 
-FIRST_EFFORT: Effort = (48, 48, 48)  # of every target of a small map
-FINE_EFFORT: Effort = (24, 24, 24)
-# Of every target of a larger one, where neighbours know more of each other: of seven arms
-# at 26 x 26 targets 3 of 4732 fell short of the best known by 0.5 % with either; at 10 x 9, one of a Panda's 90 more
-SMALL_MAP_TARGETS = 256  # targets: up to here a map is small
-SECOND_EFFORT: Effort = (144, 144, 144)  # of those at the edge of the reach, and of a share of the others
-THIRD_EFFORT: Effort = (96, 288, 288)  # of outliers
-SEARCHED_AGAIN_SHARE = 0.05  # of the targets, where any way is left free
 Effort = tuple[int, int, int]
 """Random starts of a target where 0, 1, or more ways are left free."""
+# Of seven arms at 26 x 26 targets 3 of 4732 fell short of the best known by 0.5 % with 48 or 24 starts; at 10 x 9, one
+# of a Panda's 90 more with 24.
+SMALL_MAP: Effort = (48, 48, 48)
+LARGE_MAP: Effort = (24, 24, 24)
+EDGE_OF_REACH: Effort = (144, 144, 144)  # and a share of the others
+OUTLIERS: Effort = (96, 288, 288)
+SELF_COLLISION = "self-collision"
+
+
+def outlying_targets(exchange: NeighbourExchange, searched: set[int]) -> list[int]:
+    """Targets above their neighbours' prediction, worst first: half of those left of 3 % of all."""
+    excess = exchange.excess()
+    left = math.ceil(0.03 * len(excess)) - len(searched)
+    odd = [int(k) for k in np.argsort(-excess, kind="stable") if excess[k] > 2e-3 and int(k) not in searched]
+    return odd[: min(max(left, 0), math.ceil(left / 2))]
+
+
+def targets_to_search_again(
+    candidates: Sequence[MapCandidate], neighbourhood: Neighbourhood, share: float, seed: int
+) -> list[int]:
+    """A share of all targets, those at the edge of the reach, and those that miss a requirement."""
+    reached = np.array([candidate.status != "not reached" for candidate in candidates])
+    if not reached.any():
+        return list(range(len(candidates)))
+    chosen = reached & (np.random.default_rng(seed).random(len(candidates)) < share)
+    chosen |= np.array([candidate.status == "requirement not met" for candidate in candidates])
+    for here, there in neighbourhood.on_grid:
+        chosen[here[reached[here] != reached[there]]] = True
+    return [int(k) for k in np.flatnonzero(chosen)]
 
 
 def best_candidates(
@@ -50,35 +70,23 @@ def best_candidates(
     seed: int,
     progress: Progress | None = None,
 ) -> tuple[list[MapCandidate], NeighbourSolves]:
-    """The best candidate of every target (N of them, points), each with the engine that solves it.
-
-    Steps: random starts for all targets; more starts at the edge of the reach and for a share of the others; exchange
-    of postures between neighbours; many starts for outliers, and exchange again; agreement on equal postures.
-
-    Args:
-        engines: N, one for each target; many share one.
-        neighbourhood: which targets try each other's postures.
-        workers: who works on the chunks; the answer does not depend on it.
-        seed: of the random starts.
-        progress: called with (done, total) targets of the first search, which is the larger part.
-    """
+    """Random starts, more at the edge of the reach, exchange with neighbours, outliers again, agreement."""
     candidates: list[MapCandidate] = [MapCandidate("not reached", None, math.nan)] * len(targets)
 
     def explored(indices: Iterable[int], effort: Effort) -> Iterator[tuple[int, MapCandidate]]:
-        def item(chunk: Sequence[int]) -> Exploration:
-            mine, known = [targets[k] for k in chunk], [candidates[k] for k in chunk]
-            return Exploration(mine, chunk, known, effort, seed)
+        def item(k: int) -> Exploration:
+            return Exploration(targets[k], k, candidates[k], effort, seed)
 
         for k, row in worked_on(workers, explore, engines, indices, item):
             yield k, MapCandidate.unpacked(row)
 
-    first = FIRST_EFFORT if len(targets) <= SMALL_MAP_TARGETS else FINE_EFFORT
+    first = SMALL_MAP if len(targets) <= 256 else LARGE_MAP
     for done, (k, candidate) in enumerate(explored(range(len(targets)), first), start=1):
         candidates[k] = candidate
         if progress is not None:
             progress(done, len(targets))
-    share = SEARCHED_AGAIN_SHARE if freedom(engines[0], targets[0]) > 0 else 0.0
-    for k, candidate in explored(targets_to_search_again(candidates, neighbourhood, share, seed), SECOND_EFFORT):
+    share = 0.05 if freedom(engines[0], targets[0]) > 0 else 0.0
+    for k, candidate in explored(targets_to_search_again(candidates, neighbourhood, share, seed), EDGE_OF_REACH):
         candidates[k] = candidate
     alone = [candidate.best for candidate in candidates]
     exchange = NeighbourExchange(engines, targets, neighbourhood, workers, seed, candidates)
@@ -87,7 +95,7 @@ def best_candidates(
     while odd := outlying_targets(exchange, searched):
         searched |= set(odd)
         better = set()
-        for k, candidate in explored(odd, THIRD_EFFORT):
+        for k, candidate in explored(odd, OUTLIERS):
             better |= {k} if is_better(candidate, candidates[k]) else set()
             candidates[k] = candidate
         exchange.spread(better)
@@ -110,36 +118,87 @@ def _statistics(
 
 @dataclass(frozen=True)
 class Exploration:
-    """What is to be explored.
+    """A target to be explored; its index seeds it."""
 
-    Args:
-        targets: with one engine.
-        indices: seed them, each target by its own.
-        known: what was found for them before.
-    """
-
-    targets: Sequence[TaskTarget]
-    indices: Sequence[int]
-    known: Sequence[MapCandidate]
+    target: TaskTarget
+    index: int
+    known: MapCandidate
     effort: Effort
     seed: int
 
 
-@recorded(lambda engine, item: (MapCandidate.pattern(engine.optimisation_problem.robot.n),) * len(item.targets))
-def explore(engine: Engine, item: Exploration) -> list[list[Any]]:
-    """The packed candidate of every target, by random starts, or the known one where that is better.
-
-    The starts of a target depend on the seed, their number and its index alone, not on the chunk that it is in.
-    """
-    targets, candidates = item.targets, list(item.known)
-    open_ = [k for k in range(len(targets)) if not out_of_plane(engine, targets[k])]
+@recorded(candidate_patterns)
+def explore(engine: Engine, items: Sequence[Exploration]) -> list[PackedRow]:
+    """Packed candidates by random starts, each seeded by its own index, whatever its chunk."""
+    candidates = [item.known for item in items]
+    open_ = [k for k, item in enumerate(items) if not out_of_plane(engine, item.target)]
     if open_:
-        starts = item.effort[min(max(freedom(engine, targets[0]), 0), 2)]
-        rngs = [np.random.default_rng([item.seed, starts, item.indices[k]]) for k in open_]
+        starts = items[0].effort[min(max(freedom(engine, items[0].target), 0), 2)]
+        rngs = [np.random.default_rng([items[k].seed, starts, items[k].index]) for k in open_]
         Q = [engine.ik.random_postures(starts, rng) for rng in rngs]
-        requests = [engine.request(targets[k], starts, rng) for k, rng in zip(open_, rngs, strict=True)]
+        requests = [engine.request(items[k].target, starts, rng) for k, rng in zip(open_, rngs, strict=True)]
         for k, reached in zip(open_, engine.ik.reached(Q, requests), strict=True):
             if len(reached):
-                found = best_among(engine, targets[k], reached)
-                candidates[k] = better_of(engine, targets[k], candidates[k], found)
+                target = items[k].target
+                candidates[k] = better_of(engine, target, candidates[k], best_among(engine, target, reached))
     return [candidate.packed() for candidate in candidates]
+
+
+def clear_candidates(
+    scene: Scene,
+    guarded: Callable[[TaskTarget], Engine],
+    targets: Sequence[TaskTarget],
+    candidates: Sequence[MapCandidate],
+    pairs: Sequence[Pairs],
+    workers: Workers,
+    *,
+    seed: int,
+    progress: Progress | None = None,
+) -> list[MapCandidate]:
+    """Candidates, colliding ones solved again with rows that keep clear and make a step several times dearer."""
+    again = colliding(scene, candidates, workers)
+    if not again:
+        return list(candidates)
+    work = [targets[k] for k in again]
+    engines, points = [guarded(target) for target in work], np.array([target.lower for target in work])
+    arm = engines[0].optimisation_problem.arm
+    neighbourhood = Neighbourhood.of(arm, work[0].direction, points, among(pairs, again))
+    better, _ = best_candidates(engines, work, neighbourhood, workers, seed=seed, progress=progress)
+    found = dict(enumerate(candidates)) | dict(zip(again, better, strict=True))
+    return list(found.values())
+
+
+def colliding(scene: Scene, candidates: Sequence[MapCandidate], workers: Workers) -> list[int]:
+    """Candidates that come nearer to something than the scene's margin."""
+    held = [k for k, candidate in enumerate(candidates) if candidate.best is not None]
+    if not held or not scene.active:
+        return []
+    chunks = [held[i : i + 256] for i in range(0, len(held), 256)]
+    postures = [np.array([best.q for k in chunk if (best := candidates[k].best) is not None]) for chunk in chunks]
+    clear = workers.in_order(_clear, scene, postures)
+    return [k for k, yes in zip(held, chain.from_iterable(clear), strict=True) if not yes]
+
+
+@recorded(lambda scene, Q: (bool,) * len(Q))
+def _clear(scene: Scene, Q: Array) -> list[bool]:
+    return [bool(yes) for yes in is_clear(scene, Q)]
+
+
+def in_the_way(scene: Scene, q: Array) -> str:
+    """Name of the obstacle that a colliding posture (n,) meets most, or ``self-collision``."""
+    k = int(np.argmin(scene.distances(q)[0] - np.array(scene.required)))
+    return SELF_COLLISION if k < len(scene.own) else scene.pairs[k][1]
+
+
+def among(pairs: Sequence[Pairs], chosen: Sequence[int]) -> list[Pairs]:
+    """Pairs of targets that are both chosen, renumbered by their places among the chosen."""
+    most = max((int(max(here.max(initial=0), there.max(initial=0))) for here, there in pairs), default=0)
+    place = np.full(max(most, *chosen) + 1, -1)
+    place[list(chosen)] = np.arange(len(chosen))
+    kept = []
+    for here, there in pairs:
+        a, b = place[here], place[there]
+        both = (a >= 0) & (b >= 0)
+        if both.any():
+            kept.append((a[both], b[both]))
+    return kept

@@ -3,39 +3,40 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 
+from posture_opt.collision.scene import Scene, scene_statements
 from posture_opt.errors import NoSolutionError
 from posture_opt.interrupts import interruptible
-from posture_opt.numerics import Array, Codes, Json, Mask, Progress
+from posture_opt.numerics import Array, Json, Mask, Progress
 from posture_opt.result import Result
-from posture_opt.robot.joint_ranges import drawn_between
-from posture_opt.selection.answer.fallbacks import with_fallbacks
+from posture_opt.robot.posture import drawn_between
 from posture_opt.selection.answer.selector import PostureSelector
-from posture_opt.selection.maps.confirmed_cells import confirmed_cells
-from posture_opt.selection.maps.grid_layout import GridRequest, Plane, grid_of
-from posture_opt.selection.maps.map_candidate import MapCandidate
-from posture_opt.selection.maps.map_collisions import clear_candidates, in_the_way
-from posture_opt.selection.maps.map_neighbours import Neighbourhood
-from posture_opt.selection.maps.map_points import Grid, MapPoint, NeighbourSolves, packed_points
-from posture_opt.selection.maps.map_rounds import worked_on
-from posture_opt.selection.maps.map_search import best_candidates
-from posture_opt.selection.maps.map_statements import map_statements
-from posture_opt.selection.problem_data import ProblemData
+from posture_opt.selection.answer.solution_statements import (
+    NO_GAIN,
+    beyond_measured,
+    confirmed,
+    free_frames,
+    free_joints,
+)
+from posture_opt.selection.maps.grid_layout import Grid, GridRequest, Plane, grid_of
+from posture_opt.selection.maps.map_exchange import Neighbourhood, worked_on
+from posture_opt.selection.maps.map_points import MapCandidate, MapPoint, NeighbourSolves, packed_points
+from posture_opt.selection.maps.map_search import best_candidates, clear_candidates, in_the_way
+from posture_opt.selection.problem_data import ProblemData, with_fallbacks
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.program.task_target import TaskTarget
-from posture_opt.selection.search.confirmation import UNCONFIRMED_JSON, Confirmation
-from posture_opt.selection.search.engine import Engine
-from posture_opt.statements import Statement, state
+from posture_opt.selection.registered_tasks import part_words
+from posture_opt.selection.search.engine import UNCONFIRMED_JSON, Confirmation, Engine, joined_confirmation
+from posture_opt.selection.search.search_outcome import confirmed as confirmed_posture
+from posture_opt.statements import Quantity, Statement, state
+from posture_opt.statements.notation import place
 from posture_opt.workers import Executor, Workers, opened
-
-WORKSPACE_SAMPLES = 4000  # tool points that show how far the workspace goes
-TIE_TOLERANCE = 1e-6  # of σ: differences below it do not make one target better than another
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -66,7 +67,7 @@ class TargetMap(Result):
 
     @cached_property
     def statements(self) -> tuple[Statement, ...]:
-        """What the map has to say, the best target first."""
+        """Statements, the best target first."""
         return map_statements(self)
 
     @property
@@ -110,11 +111,8 @@ class TargetMap(Result):
         return self._extreme(-1)
 
     def _extreme(self, sign: int) -> int:
-        """Index of the least (sign 1) or largest (−1) spread; of equal ones the target nearest to the middle of the
-        map.
-        """
         values = np.where(self.feasible, sign * self.sigma, np.inf)
-        ties = np.flatnonzero(values <= values.min() + TIE_TOLERANCE * abs(values.min()))
+        ties = np.flatnonzero(values <= values.min() + 1e-6 * abs(values.min()))  # of σ
         # Of equal targets the one nearest to the middle of the map.
         away = np.linalg.norm(self.grid.points[ties] - self.grid.points.mean(axis=0), axis=1)
         return int(ties[np.argmin(np.round(away, 9))])
@@ -195,61 +193,68 @@ def _mapped(
     problem: ProblemData, request: GridRequest, pool: Workers, seed: int, progress: Progress | None,
     compiled: bool | None,
 ) -> TargetMap:  # fmt: skip
-    """The map of a problem, by the workers.
-
-    Raises:
-        NoSolutionError: no target of the grid has a posture.
-    """
     began = time.perf_counter()
-    selector = PostureSelector(problem, compiled=compiled)
+    selector, scene = PostureSelector(problem, compiled=compiled), problem.scene
     grid = _grid(problem, selector, request)
     own = [selector.target.lower] if selector.target.kind == "point" else []
     targets = [selector.target.with_position(point) for point in (*grid.points, *own)]
     engines = [selector.engine(target, guarded=False) for target in targets]
-    pairs = (*grid.neighbours, *_beside(grid, len(targets), targets))
-    points = np.array([target.lower for target in targets])
+    points, size = np.array([target.lower for target in targets]), len(grid.points)
+    pairs = list(grid.neighbours)
+    if own:  # beside the target next to it
+        one, nearest = np.array([size]), np.array([np.argmin(np.linalg.norm(grid.points - own[0], axis=1))])
+        pairs += [(one, nearest), (nearest, one)]
     neighbourhood = Neighbourhood.of(problem.arm, selector.target.direction, points, pairs)
-    searched, cleared, spread = _parts(progress, len(targets), problem.scene.active)
-    candidates, solves = best_candidates(engines, targets, neighbourhood, pool, seed=seed, progress=searched)
-    unguarded = [candidate.best for candidate in candidates]
+    searched, cleared, spread = _parts(progress, len(targets), scene.active)
+    unguarded, solves = best_candidates(engines, targets, neighbourhood, pool, seed=seed, progress=searched)
     candidates = clear_candidates(
-        problem.scene, selector.clear_engine, targets, candidates, pairs, pool, seed=seed, progress=cleared
+        scene, selector.clear_engine, targets, unguarded, pairs, pool, seed=seed, progress=cleared
     )
     map_points = [
-        found if found.feasible or best is None else replace(found, blocked_by=in_the_way(problem.scene, best.q))
-        for found, best in zip(_points(pool, engines[0], targets, candidates, spread), unguarded, strict=True)
+        replace(point, blocked_by=in_the_way(scene, one.best.q)) if one.best and not point.feasible else point
+        for point, one in zip(_points(pool, engines[0], targets, candidates, spread), unguarded, strict=True)
     ]
-    size = len(grid.points)
-    feasible = [map_point.feasible for map_point in map_points]
-    if not any(feasible[:size]):
+    if not any(point.feasible for point in map_points[:size]):
         raise NoSolutionError(_nowhere(map_points[:size]))
-    solved = engines[feasible.index(True)].optimisation_problem
-    found = TargetMap(
-        problem=problem,
-        optimisation_problem=solved,
-        target=selector.target,
-        grid=grid,
-        map_points=tuple(map_points[:size]),
-        own=map_points[size] if own else None,
-        solves=solves,
-        seconds=time.perf_counter() - began,
-        notes=(*problem.notes, solved.axis_note(selector.target), *selector.remarks(), *_narrowed_notes(problem)),
-    )
-    named = (found.best_index, found.worst_index, *([size] if own else []))
-    better, said = confirmed_cells(selector.engine, targets, candidates, named, problem.scene)
+    solved = next(e for e, point in zip(engines, map_points, strict=True) if point.feasible).optimisation_problem
+    remarks = (*selector.remarks(), *_narrowed_notes(problem))
+    notes: tuple[str | Statement, ...] = (*problem.notes, solved.axis_note(selector.target), *remarks)
+
+    def found(said: Confirmation | None = None) -> TargetMap:
+        at_own, seconds = map_points[size] if own else None, time.perf_counter() - began
+        of_grid = tuple(map_points[:size])
+        return TargetMap(
+            problem, solved, selector.target, grid, of_grid, at_own, solves, seconds, notes, confirmation=said
+        )
+
+    named = (found().best_index, found().worst_index, *([size] if own else []))
+    better, said = _confirmed_targets(selector.engine, targets, candidates, named, scene)
     for k, candidate in better.items():
         (map_points[k],) = _points(pool, engines[0], targets[k : k + 1], [candidate], None)
-    return replace(
-        found,
-        map_points=tuple(map_points[:size]),
-        own=map_points[size] if own else None,
-        confirmation=said,
-        seconds=time.perf_counter() - began,
-    )
+    return found(said)
+
+
+def _confirmed_targets(
+    engine_of: Callable[[TaskTarget, bool], Engine], targets: Sequence[TaskTarget],
+    candidates: Sequence[MapCandidate], named: Iterable[int], scene: Scene,
+) -> tuple[dict[int, MapCandidate], Confirmation | None]:  # fmt: skip
+    better: dict[int, MapCandidate] = {}
+    every: list[Confirmation | None] = []
+    for k in dict.fromkeys(named):
+        given = candidates[k]
+        if given.best is None:
+            continue
+        target = replace(targets[k], scale=given.scale)
+        (best, *_), said = confirmed_posture(engine_of(target, False), [given.best], target, scene)
+        if said is not None and said.differs and not said.taken and scene.active:
+            (best, *_), said = confirmed_posture(engine_of(target, True), [given.best], target, scene)
+        every.append(said)
+        if said is not None and said.taken:
+            better[k] = replace(given, best=best)
+    return better, joined_confirmation(every)
 
 
 def _parts(progress: Progress | None, count: int, cell: bool) -> list[Progress | None]:
-    """The progress of the three parts of a map, as steps of the whole: about as many as each takes time."""
     ends = np.cumsum([0, count, 4 * count if cell else 0, count // 3]).tolist()
 
     def part(begin: int, end: int) -> Progress | None:
@@ -261,17 +266,13 @@ def _parts(progress: Progress | None, count: int, cell: bool) -> list[Progress |
 
 
 def _points(
-    pool: Workers,
-    engine: Engine,
-    targets: Sequence[TaskTarget],
-    candidates: Sequence[MapCandidate],
+    pool: Workers, engine: Engine, targets: Sequence[TaskTarget], candidates: Sequence[MapCandidate],
     progress: Progress | None,
-) -> list[MapPoint]:
-    """A map point for every target, computed by the workers in chunks of targets."""
+) -> list[MapPoint]:  # fmt: skip
     found: dict[int, MapPoint] = {}
 
-    def item(chunk: Sequence[int]) -> tuple[list[TaskTarget], list[MapCandidate]]:
-        return [targets[k] for k in chunk], [candidates[k] for k in chunk]
+    def item(k: int) -> tuple[TaskTarget, MapCandidate]:
+        return targets[k], candidates[k]
 
     for k, row in worked_on(pool, packed_points, [engine] * len(targets), range(len(targets)), item):
         found[k] = MapPoint.unpacked(targets[k].lower, row)
@@ -281,11 +282,9 @@ def _points(
 
 
 def _grid(problem: ProblemData, selector: PostureSelector, request: GridRequest) -> Grid:
-    """The grid that is asked for, else one over the region, about the position, or over the workspace."""
     target, robot = selector.target, problem.robot
-    rng = np.random.default_rng(0)
-    Q = rng.uniform(*drawn_between(robot), (WORKSPACE_SAMPLES, robot.n))
-    positions = np.broadcast_to(np.asarray(problem.arm.position(Q), dtype=float), (WORKSPACE_SAMPLES, 3))
+    Q = np.random.default_rng(0).uniform(*drawn_between(robot), (4000, robot.n))
+    positions = np.broadcast_to(np.asarray(problem.arm.position(Q), dtype=float), (4000, 3))
     best = None
     if target.kind == "anywhere" and request.low is None:
         best = np.asarray(selector.solve().spread.position)
@@ -293,25 +292,41 @@ def _grid(problem: ProblemData, selector: PostureSelector, request: GridRequest)
 
 
 def _narrowed_notes(problem: ProblemData) -> tuple[Statement, ...]:
-    """What the targets lack that a single solve answers: postures beyond the ranges that effects were measured in."""
     if not problem.narrowed:
         return ()
     joints = tuple(dict.fromkeys(found.effect.target for found in problem.arm.measured_ranges))
     return (state("selection.beyond-range-left-out", joints=joints),)
 
 
-def _beside(grid: Grid, count: int, targets: list[TaskTarget]) -> list[tuple[Codes, Codes]]:
-    """The file's own position and the target next to it are neighbours."""
-    if count == len(grid.points):
-        return []
-    nearest = int(np.argmin(np.linalg.norm(grid.points - targets[-1].lower, axis=1)))
-    own, other = np.array([count - 1]), np.array([nearest])
-    return [(own, other), (other, own)]
-
-
 def _nowhere(map_points: list[MapPoint]) -> str:
-    """Why no target of the grid has a posture, in words."""
     reached = sum(map_point.status == "requirement not met" for map_point in map_points)
     why = f"; {reached} can be reached, but not with all requirements met" if reached else ""
     targets = f"none of the {len(map_points)} targets"
     return f"{targets} has a posture with the required tool orientation{why}: move the box (--min, --max)"
+
+
+def map_statements(found: TargetMap) -> tuple[Statement, ...]:
+    """All statements, the best target first."""
+    best, worst, Q = found.best, found.worst, found.postures[found.feasible]
+    part = part_words(found.within, found.optimisation_problem.task.kind)
+    return (
+        state("selection.best-target", position=place(best.position), sigma=Quantity(best.sigma_max), part=part),
+        *([] if found.own is None else [_own(best, found.own)]),
+        state("selection.worst-target", sigma=Quantity(worst.sigma_max), position=place(worst.position)),
+        *free_joints(found.optimisation_problem),
+        *scene_statements(found.problem.scene, Q),
+        *beyond_measured(found.problem.arm, Q),
+        *confirmed(found.confirmation),
+        *{note.text: note for note in found.notes if isinstance(note, Statement)}.values(),
+        *free_frames(found.problem.robot),
+    )
+
+
+def _own(best: MapPoint, own: MapPoint) -> Statement:
+    if not own.feasible:
+        return state("selection.own-target-infeasible")
+    gain = 1 - best.sigma_max / own.sigma_max if own.sigma_max > 0 else 0.0
+    sigma = Quantity(own.sigma_max)
+    if gain < NO_GAIN:
+        return state("selection.own-target-best", sigma=sigma)
+    return state("selection.own-target", sigma=sigma, gain=Quantity(gain, "share"))

@@ -1,7 +1,8 @@
-"""``JointSteps``: how far the joints move from one posture to the next, and what a step of joints counts."""
+"""Steps of the joints between postures, and the best way through candidate postures (Bellman 1957)."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import casadi as ca
@@ -11,55 +12,45 @@ from posture_opt.numerics import TURN, Array, Codes, Mask
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.program.nlp import Nlp
 
-_LIMIT_TOLERANCE_RAD = 1e-9  # rad: limits a whole turn apart
+_ROUNDING = 1e-9
+"""Of limits a whole turn apart [rad], and relative of costs that are as good as the best."""
 
 
 @dataclass(frozen=True)
 class JointSteps:
-    """The steps of a robot's joints; those that matter to nothing count for nothing.
-
-    A step is the largest change of any joint, a radian of a turning joint and a metre of a slide alike.
-
-    Args:
-        counted: (n,) joints whose steps count.
-        wide: (n,) joints with a whole turn or more between their limits, compared but for whole turns.
-    """
+    """Steps of a robot's joints: the largest change of a joint that counts, 1 rad like 1 m."""
 
     robot: Robot
-    counted: Mask
-    wide: Mask
+    counted: Mask  # (n,) joints whose steps count
+    wide: Mask  # (n,) joints with a whole turn or more between their limits, compared but for whole turns
 
     @classmethod
     def of(cls, robot: Robot, nlp: Nlp) -> JointSteps:
-        """Those of a robot whose postures ``nlp`` selects."""
+        """Steps of a robot whose postures ``nlp`` selects."""
         # A slide whose row in the program is its height alone is settled by it, and moves.
-        held = [row for row in nlp.rows if ca.is_equal(row.lower, row.upper, 2)]
-        settled = {
-            k for row in held for k, used in enumerate(ca.which_depends(row.expression, nlp.x, 1, False)) if used
-        }
-        counted = np.array([k not in nlp.indifferent or k in settled for k in range(robot.n)])
+        held = [row.expression for row in nlp.rows if ca.is_equal(row.lower, row.upper, 2)]
+        settled = np.any([ca.which_depends(row, nlp.x, 1, False) for row in held] or [[False] * robot.n], axis=0)
+        counted = np.array([k not in nlp.indifferent for k in range(robot.n)]) | settled
         span = np.array(robot.upper) - np.array(robot.lower)
         turns = np.array([joint.type == "revolute" for joint in robot.joints])
         alike = np.array([k not in nlp.unlike_turns for k in range(robot.n)])
-        return cls(robot, counted, turns & alike & (span >= TURN - _LIMIT_TOLERANCE_RAD))
+        return cls(robot, counted, turns & alike & (span >= TURN - _ROUNDING))
+
+    @property
+    def _middle(self) -> Array:
+        return np.asarray((np.array(self.robot.lower) + np.array(self.robot.upper)) / 2)
 
     def rested(self, Q: Array) -> Array:
-        """The same postures (N, n), joints that matter to nothing in the middle of their limits."""
-        return np.where(self.counted, Q, (np.array(self.robot.lower) + np.array(self.robot.upper)) / 2)
+        """Postures (N, n) with joints that matter to nothing in the middle of their limits."""
+        return np.where(self.counted, Q, self._middle)
 
     @property
     def span(self) -> Array:
-        """(n,) from limit to limit [rad or m]: how far a joint can move at all."""
+        """(n,) from limit to limit [rad or m]."""
         return np.asarray(np.array(self.robot.upper) - np.array(self.robot.lower))
 
     def between(self, A: Array, B: Array, weights: Array | None = None) -> Array:
-        """(N, M) the largest change of a joint, times its weight, from each posture of A (N, n) to each of B (M, n).
-
-        Of joints that turn more than once, the least over whole turns.
-
-        Args:
-            weights: (n,) of the joints; default: one.
-        """
+        """(N, M) largest weighted change of a joint from A (N, n) to B (M, n), the least over whole turns."""
         largest = np.zeros((len(A), len(B)))
         factors = np.ones(len(self.counted)) if weights is None else weights
         for k in np.flatnonzero(self.counted & (factors > 0)):
@@ -70,33 +61,27 @@ class JointSteps:
         return largest
 
     def wrapped(self, Q: Array) -> Array:
-        """The same postures (N, n), wide joints by whole turns as near to the middle of their limits as can be."""
-        middle = (np.array(self.robot.lower) + np.array(self.robot.upper)) / 2
-        return np.where(self.wide, Q - TURN * np.rint((Q - middle) / TURN), Q)
+        """Postures (N, n) with wide joints turned as near to the middle of their limits as can be."""
+        return np.where(self.wide, Q - TURN * np.rint((Q - self._middle) / TURN), Q)
 
     def unwrapped(self, Q: Array) -> tuple[Array, Codes]:
-        """The same motion (K, n) without jumps by whole turns, and the joints that leave their limits by it."""
+        """A motion (K, n) without jumps by whole turns, and the joints that leave their limits by it."""
         lower, upper = np.array(self.robot.lower), np.array(self.robot.upper)
-        jumps = np.diff(Q, axis=0)
-        turns = np.where(self.wide, np.rint(jumps / TURN), 0.0)
+        turns = np.where(self.wide, np.rint(np.diff(Q, axis=0) / TURN), 0.0)
         Q = Q - TURN * np.vstack([np.zeros((1, Q.shape[1])), np.cumsum(turns, axis=0)])
         # All of a joint's values by the whole turns that bring their middle nearest to that of the limits.
         off = (Q.min(axis=0) + Q.max(axis=0) - lower - upper) / 2
         Q = np.where(self.wide, Q - TURN * np.rint(off / TURN), Q)
-        beyond = np.any((lower - _LIMIT_TOLERANCE_RAD > Q) | (upper + _LIMIT_TOLERANCE_RAD < Q), axis=0)
+        beyond = np.any((lower - _ROUNDING > Q) | (upper + _ROUNDING < Q), axis=0)
         return np.clip(Q, lower, upper) if not np.any(beyond) else Q, np.flatnonzero(beyond)
 
     def along(self, Q: Array) -> Array:
-        """(K − 1,) the largest change of a joint that counts between neighbours of a motion (K, n), without taking off
-        turns.
-        """
+        """(K − 1,) largest change of a joint between neighbours of a motion (K, n)."""
         moved = np.abs(np.diff(Q, axis=0))[:, self.counted]
         return np.asarray(np.max(moved, axis=1, initial=0.0))
 
     def swept(self, Q: Array, listed: Mask) -> Array:
-        """(L − 1,) the largest range that a joint that counts sweeps on a motion (K, n) from one of the L listed points
-        to the next, those between them included; at most the range between its limits.
-        """
+        """(L − 1,) largest range swept by a joint of a motion (K, n) between the L listed points."""
         ends = np.flatnonzero(listed)
         counted = Q[:, self.counted]
         if not counted.shape[1]:
@@ -106,27 +91,120 @@ class JointSteps:
         return np.asarray(np.max(high - low, axis=1))
 
     def whole_turns(self, Q: Array) -> Codes:
-        """(n,) by how many whole turns each joint ends a motion (K, n) away from where it began; the nearest number."""
+        """(n,) nearest number of whole turns that each joint ends a motion (K, n) away from where it began."""
         turns = np.array([joint.type == "revolute" for joint in self.robot.joints])
         return np.where(turns & self.counted, np.rint((Q[-1] - Q[0]) / TURN), 0.0).astype(int)
 
     def without_turns(self, joints: Mask | Codes) -> JointSteps:
-        """The same steps, some joints (of n, or their numbers) compared as they are and not but for whole turns."""
+        """Steps with some joints compared as they are, whole turns included."""
         none = np.zeros(len(self.wide), dtype=bool)
         none[joints] = True
         return replace(self, wide=self.wide & ~none)
 
     def turned(self, Q: Array, values: Array) -> tuple[Array, Array]:
-        """Postures (M, n) with those that stand whole turns beside them within the limits, and their values (M,)."""
+        """Postures (M, n) and values (M,), with those a whole turn away within the limits."""
         lower, upper = np.array(self.robot.lower), np.array(self.robot.upper)
         for k, joint in enumerate(self.robot.joints):
-            if joint.type != "revolute" or self.wide[k] or upper[k] - lower[k] < TURN - _LIMIT_TOLERANCE_RAD:
+            if joint.type != "revolute" or self.wide[k] or upper[k] - lower[k] < TURN - _ROUNDING:
                 continue
-            rows, kept = [Q], [values]
-            for turn in (-TURN, TURN):
-                moved = Q + turn * np.eye(len(lower))[k]
-                inside = (moved[:, k] >= lower[k]) & (moved[:, k] <= upper[k])
-                rows.append(moved[inside])
-                kept.append(values[inside])
-            Q, values = np.vstack(rows), np.concatenate(kept)
+            moved = np.vstack([Q + turn * np.eye(len(lower))[k] for turn in (0.0, -TURN, TURN)])
+            inside = (moved[:, k] >= lower[k]) & (moved[:, k] <= upper[k])
+            inside[: len(Q)] = True
+            Q, values = moved[inside], np.tile(values, 3)[inside]
         return Q, values
+
+
+@dataclass(frozen=True)
+class StepGraph:
+    """Candidates of K points and the steps between them."""
+
+    postures: Sequence[Array]  # K arrays (N_k, n)
+    costs: Sequence[Array]  # K arrays (N_k,)
+    distances: Sequence[Array]  # K − 1 arrays (N_k, N_{k+1}): the weighted steps between candidates of neighbours
+
+    @classmethod
+    def of(cls, steps: JointSteps, postures: Sequence[Array], costs: Sequence[Array], weights: Array) -> StepGraph:
+        """Graph of candidates, steps weighted by (K − 1, n)."""
+        pairs = zip(postures, postures[1:], weights, strict=False)
+        return cls(postures, costs, [steps.between(A, B, w) for A, B, w in pairs])
+
+    def smallest_step(self) -> tuple[float, Codes]:
+        """Least largest step of a way, and its candidates (K,)."""
+        value, before = np.zeros(len(self.postures[0])), []
+        for D in self.distances:
+            reached = np.maximum(value[:, None], D)
+            before.append(np.argmin(reached, axis=0))
+            value = reached[before[-1], np.arange(D.shape[1])]
+        return float(np.min(value)), _followed(before, int(np.argmin(value)))
+
+    def worst_costs(self, largest: float) -> list[Array]:
+        """K arrays (N_k,): least largest cost of a way through each candidate, steps up to ``largest``."""
+        allowed = [largest * (1 + _ROUNDING) >= D for D in self.distances]
+        forth = self._largest_costs(self.costs, allowed)
+        back = self._largest_costs(self.costs[::-1], [may.T for may in allowed[::-1]])
+        return [np.maximum(f, b) for f, b in zip(forth, back[::-1], strict=True)]
+
+    @staticmethod
+    def _largest_costs(costs: Sequence[Array], allowed: Sequence[Mask]) -> list[Array]:
+        """K arrays (N_k,): least largest cost up to each candidate."""
+        values = [costs[0]]
+        for cost, may in zip(costs[1:], allowed, strict=True):
+            before = np.min(np.where(may, values[-1][:, None], np.inf), axis=0, initial=np.inf)
+            values.append(np.maximum(cost, before))
+        return values
+
+    def best_way(self, largest: float, worst: float, through: tuple[int, int] | None = None) -> Codes | None:
+        """(K,) candidates of least total cost, none above ``worst``, ``through`` a (point, candidate), if any."""
+        costs = [np.where(cost <= worst * (1 + _ROUNDING), cost, np.inf) for cost in self.costs]
+        if through is not None:
+            point, chosen = through
+            costs[point] = np.where(np.arange(len(costs[point])) == chosen, costs[point], np.inf)
+        value, before = costs[0], []
+        for D, cost in zip(self.distances, costs[1:], strict=True):
+            total = np.where(largest * (1 + _ROUNDING) >= D, value[:, None], np.inf)
+            before.append(np.argmin(total, axis=0))
+            value = total[before[-1], np.arange(D.shape[1])] + cost
+        return _followed(before, int(np.argmin(value))) if np.isfinite(np.min(value)) else None
+
+    def motion(self, way: Codes) -> Array:
+        """(K, n) postures of a way."""
+        return np.array([Q[k] for Q, k in zip(self.postures, way, strict=True)])
+
+    def closed_at(self, start: int) -> StepGraph:
+        """Ways that begin and end at candidate ``start`` of the first point, which is the last one too."""
+        postures, costs, distances = list(self.postures), list(self.costs), list(self.distances)
+        for end in (0, -1):
+            postures[end], costs[end] = postures[end][[start]], costs[end][[start]]
+        distances[0] = distances[0][[start]]
+        distances[-1] = distances[-1][:, [start]]
+        return StepGraph(postures, costs, distances)
+
+    def closed_of_smallest_step(self) -> StepGraph:
+        """Ways back to the first candidate that has the least largest step; open ways bound it below."""
+        bound = np.zeros(len(self.postures[-1]))
+        for D in reversed(self.distances):
+            bound = np.min(np.maximum(D, bound), axis=1)
+        return self._closed_of_least(bound, lambda ways: ways.smallest_step()[0]) or self
+
+    def closed_of_least_cost(self, largest: float) -> StepGraph | None:
+        """Ways back to the first candidate of least largest cost, steps up to ``largest``; None without one."""
+        bound = self.worst_costs(largest)[0]
+        return self._closed_of_least(bound, lambda ways: min(float(cost.min()) for cost in ways.worst_costs(largest)))
+
+    def _closed_of_least(self, bound: Array, value: Callable[[StepGraph], float]) -> StepGraph | None:
+        least, best = np.inf, None
+        for start in np.argsort(bound, kind="stable")[:24].tolist():
+            if bound[start] >= least:
+                break
+            ways = self.closed_at(start)
+            if (found := value(ways)) < least:
+                least, best = found, ways
+        return best
+
+
+def _followed(before: Sequence[Codes], last: int) -> Codes:
+    """(K,) way that ends at candidate ``last``, from the best predecessors of each."""
+    way = [last]
+    for back in reversed(before):
+        way.append(int(back[way[-1]]))
+    return np.array(way[::-1])

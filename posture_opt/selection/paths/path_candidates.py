@@ -8,76 +8,57 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from posture_opt.collision.scene import Scene
-from posture_opt.numerics import Array, Mask, Progress
+from posture_opt.numerics import Array, Progress
 from posture_opt.selection.paths.joint_steps import JointSteps
 from posture_opt.selection.paths.task_path import stacked
-from posture_opt.selection.program.pose_request import PoseRequest, held_request
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.engine import Engine
-from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE, TOLERANCE
+from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE, TOLERANCE, PoseRequest, held_request
 from posture_opt.selection.search.multistart import feasible_starts
 from posture_opt.selection.search.search_outcome import is_clear
 from posture_opt.workers import Serial, Workers
 
-_MAX_ANCHORS = 6  # points that random postures are led to
-_STARTS_PER_FREEDOM = 48  # of them at each anchor, times the freedom that is left, and at most:
-_MAX_ANCHOR_STARTS = 120
-_MAX_FOLLOWED_POSTURES = 12_000  # postures of all points that come from random ones of the anchors
-_STARTS_PER_POINT = 12  # random postures at every other point: what cannot be followed from an anchor is found here
-_FOLLOWED_OPTIMA = 24  # local optima of an anchor that are followed along the path
-_ANCHOR_SEARCH_STEPS = 30  # steps of the local search at an anchor
-_RESTORING_STEPS = 4  # of it where a further requirement is broken
-_ONE_POSTURE_RAD = 1e-6  # rad or m: postures nearer to each other are one
-_FOLLOWING_STEPS = 3  # of it at each point that follows: from an optimum of the point before
+_STARTS = 12
+"""Random postures at points that are no anchors: what cannot be followed from one is found here."""
 
 
 @dataclass(frozen=True)
 class PathCandidates:
-    """Candidates of each point: K arrays of postures (N_k, n) and of objectives (N_k,), all of them feasible.
+    """Candidates of each point: K arrays of postures (N_k, n) and of objectives (N_k,), all of them feasible."""
 
-    Args:
-        targets: of the points, with one scale.
-        arrived: postures found for each point (K,) that meet target and tool axis, whatever else is required.
-    """
-
-    targets: tuple[TaskTarget, ...]
+    targets: tuple[TaskTarget, ...]  # of the points, with one scale
     postures: tuple[Array, ...]
     costs: tuple[Array, ...]
-    arrived: tuple[int, ...]
+    arrived: tuple[int, ...]  # (K,) postures that meet target and tool axis, whatever else is required
 
     def closed(self) -> PathCandidates:
-        """The same, first and last point with the candidates of both."""
+        """Candidates with those of both ends at the first and at the last point."""
         both, costs = np.vstack([self.postures[0], self.postures[-1]]), np.append(self.costs[0], self.costs[-1])
         postures, values = (both, *self.postures[1:-1], both), (costs, *self.costs[1:-1], costs)
         return replace(self, postures=postures, costs=values)
 
     def turned(self, steps: JointSteps) -> PathCandidates:
-        """The same, with postures whole turns away where ``steps`` distinguish these."""
+        """Candidates with postures whole turns away where ``steps`` distinguish these."""
         pairs = [steps.turned(Q, cost) for Q, cost in zip(self.postures, self.costs, strict=True)]
         return replace(self, postures=tuple(Q for Q, _ in pairs), costs=tuple(cost for _, cost in pairs))
 
 
 def find_candidates(
-    engine: Engine,
-    targets: Sequence[TaskTarget],
-    steps: JointSteps,
-    scene: Scene,
-    rng: np.random.Generator,
-    pool: Workers | None = None,
-    progress: Progress | None = None,
-) -> PathCandidates:
-    """Candidates for all points.
-
-    Random postures at some anchors are followed along the whole path, each from point to point by inverse kinematics,
-    so that neighbouring points have candidates that belong together; so are the local optima that they lead to.
-
-    Args:
-        scene: what the arm must not collide with.
-        pool: works on the anchors, whose searches are independent; the candidates do not depend on it.
-        progress: called with (done, all) anchors.
-    """
-    search = _Following(engine, tuple(targets), steps)
-    return search.screened(search.all(rng, Serial() if pool is None else pool, progress), scene)
+    engine: Engine, targets: Sequence[TaskTarget], steps: JointSteps, scene: Scene, rng: np.random.Generator,
+    pool: Workers | None = None, progress: Progress | None = None,
+) -> PathCandidates:  # fmt: skip
+    """Random postures of some anchors, and their local optima, followed along the path by inverse kinematics."""
+    search, found = _Following(engine, tuple(targets), steps).all(rng, Serial() if pool is None else pool, progress)
+    postures, costs = [], []
+    for Q, target in zip(found, search.targets, strict=True):
+        objective, violation = (column[:, 0] for column in engine.screen(Q, target.parameters)[:2])
+        met = violation <= ROW_TOLERANCE
+        met[met] = is_clear(scene, Q[met])
+        # Postures that are followed from several anchors meet in one branch, to 1e-6 rad or m.
+        met[met] = np.isin(np.arange(met.sum()), np.unique(np.rint(Q[met] / 1e-6), axis=0, return_index=True)[1])
+        postures.append(Q[met])
+        costs.append(objective[met])
+    return PathCandidates(search.targets, tuple(postures), tuple(costs), tuple(map(len, found)))
 
 
 @dataclass(frozen=True)
@@ -89,12 +70,12 @@ class _Following:
     steps: JointSteps
 
     def all(self, rng: np.random.Generator, pool: Workers, progress: Progress | None) -> tuple[_Following, list[Array]]:
-        """The same search with the scale of its first postures, and the postures of each point."""
+        """The search with the scale of its first postures, and the postures of each point."""
         engine, count = self.engine, len(self.targets)
-        anchors = sorted({round(k) for k in np.linspace(0, count - 1, min(_MAX_ANCHORS, count))})
-        starts = min(_STARTS_PER_FREEDOM * max(engine.optimisation_problem.freedom, 1), _MAX_ANCHOR_STARTS)
-        starts = min(starts, max(_STARTS_PER_POINT, _MAX_FOLLOWED_POSTURES // (len(anchors) * count)))
-        sizes = [starts if k in anchors else _STARTS_PER_POINT for k in range(count)]
+        anchors = sorted({round(k) for k in np.linspace(0, count - 1, min(6, count))})
+        starts = min(48 * max(engine.optimisation_problem.freedom, 1), 120)
+        starts = min(starts, max(_STARTS, 12_000 // (len(anchors) * count)))
+        sizes = [starts if k in anchors else _STARTS for k in range(count)]
         own = [feasible_starts(engine, target, size, rng)[0] for target, size in zip(self.targets, sizes, strict=True)]
         search = self._scaled(own)
         own = [search._restored(Q, target) for Q, target in zip(own, search.targets, strict=True)]
@@ -110,18 +91,18 @@ class _Following:
         return search, [self.steps.rested(np.vstack(Q)) for Q in found]
 
     def from_anchor(self, k: int, Q: Array) -> Iterator[tuple[int, Array]]:
-        """The point and its postures (N, n), of all points, that postures (N, n) of anchor ``k`` lead to."""
+        """Points and postures (N, n) there that postures (N, n) of anchor ``k`` lead to."""
         engine = self.engine
         Q = Q[engine.clusters(Q)[0]] if len(Q) else Q
         yield from self._follow(k, Q, 0)
         if len(Q) and engine.optimisation_problem.freedom:
-            optima = engine.descended(Q, self.targets[k], _ANCHOR_SEARCH_STEPS)
+            optima = engine.descended(Q, self.targets[k], 30)
             order = np.lexsort((optima.objective, optima.excess))
             nearest, _ = engine.clusters(optima.q[order])
-            yield from self._follow(k, optima.q[order][nearest][:_FOLLOWED_OPTIMA], _FOLLOWING_STEPS)
+            yield from self._follow(k, optima.q[order][nearest][:24], 3)
 
     def _scaled(self, own: Sequence[Array]) -> _Following:
-        """The same search with objectives divided by the median variance of some postures (K arrays)."""
+        """The search with objectives divided by the median variance of some postures (K arrays)."""
         rows = [(Q, target) for Q, target in zip(own, self.targets, strict=True) if len(Q)]
         if not rows:
             return self
@@ -139,11 +120,7 @@ class _Following:
             yield from self._followed(Q, way, improved)
 
     def _followed(self, Q: Array, way: range, improved: int) -> Iterator[tuple[int, Array]]:
-        """Postures (N, n) led from point to point of a way, with each point that some of them reach.
-
-        Args:
-            improved: steps of the local search at each point.
-        """
+        """Postures (N, n) led from point to point, with ``improved`` steps of the local search at each."""
         for j in way:
             request, target = held(self.engine, self.targets[j]), self.targets[j]
             moved, errors = self.engine.ik.solve(self.steps.wrapped(Q), request)
@@ -157,47 +134,25 @@ class _Following:
             yield j, self.steps.wrapped(Q)
 
     def _restored(self, Q: Array, target: TaskTarget) -> Array:
-        """The same postures (N, n) of a target, those that break a further requirement led to where it is met."""
+        """Postures (N, n) of a target, those that break a further requirement led to where it is met."""
         problem = self.engine.optimisation_problem
         if not len(Q) or (not problem.task.subject_to and problem.scene is None):
             return Q
         broken = self.engine.screen(Q, target.parameters)[1][:, 0] > ROW_TOLERANCE
         if not np.any(broken):
             return Q
-        led = self.engine.descended(Q[broken], target, _RESTORING_STEPS)
+        led = self.engine.descended(Q[broken], target, 4)
         Q = Q.copy()
         Q[broken] = np.where((led.excess == 0)[:, None], led.q, Q[broken])
         return Q
 
-    def screened(self, given: tuple[_Following, list[Array]], scene: Scene) -> PathCandidates:
-        """Those postures that meet every requirement, with their objectives."""
-        search, found = given
-        postures, costs = [], []
-        for Q, target in zip(found, search.targets, strict=True):
-            objective, violation = (column[:, 0] for column in self.engine.screen(Q, target.parameters)[:2])
-            met = violation <= ROW_TOLERANCE
-            met[met] = is_clear(scene, Q[met])
-            # Postures that are followed from several anchors meet in one branch.
-            met[met] = _first_of_each(Q[met])
-            postures.append(Q[met])
-            costs.append(objective[met])
-        return PathCandidates(search.targets, tuple(postures), tuple(costs), tuple(map(len, found)))
-
-
-def _first_of_each(Q: Array) -> Mask:
-    """(N,) the first of all postures (N, n) that are one."""
-    first = np.zeros(len(Q), dtype=bool)
-    first[np.unique(np.rint(Q / _ONE_POSTURE_RAD), axis=0, return_index=True)[1]] = True
-    return first
-
 
 def _followed_from(search: _Following, anchor: tuple[int, Array]) -> list[tuple[int, Array]]:
-    """What postures of one anchor lead to: a part of the work."""
     return list(search.from_anchor(*anchor))
 
 
 def held(engine: Engine, target: TaskTarget) -> PoseRequest:
-    """What inverse kinematics is to hold at a point: any axis within the tilt will do."""
+    """Request of a point; any axis within the tilt will do."""
     problem = engine.optimisation_problem
     slack = problem.reach.axis_slack / 2 if problem.alignment == "loose" else 0.0
     return held_request(target, problem.axis_rows > 0, slack)

@@ -13,102 +13,120 @@ import numpy as np
 
 from posture_opt.errors import InputError, Issue, NoSolutionError
 from posture_opt.numerics import Array, DerivedAgain, Progress
-from posture_opt.selection.answer.infeasible import infeasible
-from posture_opt.selection.answer.infeasible_stations import explain_stations
-from posture_opt.selection.answer.placement import PlacementRange
+from posture_opt.selection.answer.infeasible import explain_stations, infeasible
+from posture_opt.selection.answer.placement import Placement, PlacementFigure, PlacementRange
 from posture_opt.selection.answer.selector import PostureSelector, task_of
-from posture_opt.selection.answer.shared_placement import Placement, PlacementFigure
-from posture_opt.selection.answer.solution import Solution, Status
+from posture_opt.selection.answer.solution import Solution
+from posture_opt.selection.answer.target_answer import Status
 from posture_opt.selection.paths.joint_steps import JointSteps
-from posture_opt.selection.paths.knots import MAX_SEARCHED_POINTS, Knots, knots_of, motions_at_knots
-from posture_opt.selection.paths.motion import Motion, off_lines
-from posture_opt.selection.paths.motion_search import STEP_TOLERANCE_RAD, MotionSearch, keeps_speed
-from posture_opt.selection.paths.naive import naive_motions
-from posture_opt.selection.paths.pace_failure import too_fast, too_fast_in_small_steps, too_large_a_step
-from posture_opt.selection.paths.path_answer import PathAnswer
-from posture_opt.selection.paths.path_breaks import path_breaks
+from posture_opt.selection.paths.knots import MAX_SEARCHED_POINTS, along_all, knots_of, motions_at_knots
+from posture_opt.selection.paths.motion import Motion, TimeLaw, off_lines, step_bounds
+from posture_opt.selection.paths.motion_search import STEP_TOLERANCE_RAD, MotionSearch, keeps_speed, smooth_motion
+from posture_opt.selection.paths.path_answer import PathAnswer, naive_motions
 from posture_opt.selection.paths.path_candidates import PathCandidates, find_candidates
-from posture_opt.selection.paths.path_placement import moved_on, promising_placements
 from posture_opt.selection.paths.task_path import TaskPath
 from posture_opt.selection.problem_data import ProblemData
-from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.program.task_target import TaskTarget
-from posture_opt.selection.search.batches import usual_starts
-from posture_opt.selection.search.change import Change, with_changes
 from posture_opt.selection.search.engine import Engine
-from posture_opt.selection.search.multistart import Sampled, multistart
-from posture_opt.selection.search.relaxation import Reason
-from posture_opt.selection.search.search_statistics import SearchStatistics
+from posture_opt.selection.search.multistart import Sampled, multistart, usual_starts
+from posture_opt.selection.search.relaxation import Change, Reason, with_changes
+from posture_opt.selection.search.search_outcome import SearchStatistics
+from posture_opt.selection.stations.placed_stations import PlacedStations
+from posture_opt.selection.stations.placement_search import search_placement
+from posture_opt.selection.stations.stations_problem import StationsPoint
 from posture_opt.selection.tasks.path_task import HIGHEST, PathTask
 from posture_opt.statements import Statement
+from posture_opt.units import joint_text
 from posture_opt.workers import Workers, opened
 
-_MIN_COMPILED_POINTS = 100  # the searches of more points take longer than compiling them
-_MAX_ROUNDS = 3  # of the smooth problem with the workpiece, and of the search at the placement found
-_MIN_SIGMA_GAIN = 1e-3  # of a standard deviation: what is worth another round
-_SPACING_SHARE = 0.05  # of the length of the arm, where none is stated: joints that move evenly stay near a line then
+
+def too_large_a_step(search: MotionSearch, largest: float, calm: Motion) -> Reason:
+    """Where a joint has to move farther than ``largest`` [rad or m], and which bound would do."""
+    smallest, ends = calm.largest_step, np.flatnonzero(search.path.listed)
+    k = int(np.argmax(calm.steps))
+    swept = np.ptp(calm.Q[ends[k] : ends[k + 1] + 1], axis=0)
+    joint = search.engine.robot.joints[int(np.argmax(np.where(search.steps.counted, swept, 0.0)))]
+    names = [search.path.numbers[end] for end in ends]
+    hint = math.ceil(math.degrees(smallest) * 10 + 1e-6) / 10
+    message = (
+        f"from {names[k]} to {names[k + 1]} {joint.name} has to move by {math.degrees(smallest):.4g} deg, and "
+        f"{math.degrees(largest):.4g} deg a step are allowed: set largest_step: {hint:g} deg, or list more points"
+    )
+    return Reason("largest_step", message, smallest - largest, "rad")
+
+
+def too_fast(search: MotionSearch, speed: float, law: TimeLaw) -> Reason:
+    """Which joint is too slow for a speed of the tool [m/s], where, and which speed would do."""
+    highest, step = law.highest, law.limiting_step
+    assert highest is not None, "a motion that no joint bounds is not too fast"
+    assert step is not None, "a joint that bounds a motion does so in a step"
+    joint = search.engine.robot.joints[search.engine.robot.joint_names.index(str(law.limiting_joint))]
+    needed, limit = (f"{joint_text(v, joint.unit)}/s" for v in (joint.velocity * speed / highest, joint.velocity))
+    first = int(np.count_nonzero(search.path.listed[: step + 1]))
+    power = 10.0 ** (math.floor(math.log10(highest * 1e3)) - 2)  # three digits, rounded down
+    below = float(f"{math.floor(highest * 1e3 / power * (1 - 1e-9)) * power:.4g}")
+    message = (
+        f"at {speed * 1e3:.4g} mm/s {joint.name} would have to move at {needed} between points {first} and "
+        f"{first + 1}, and {limit} is its limit: set speed: {below:g} mm/s"
+    )
+    return Reason("speed", message, speed - highest, "m/s")
+
+
+def moved_on(found: Solution, targets: Sequence[TaskTarget], placement: PlacementRange) -> Array:
+    """(4,) placement that a motion leads to where the part may move with it; targets in the part's frame."""
+    problem, task = found.optimisation_problem, found.problem.task
+    own = [replace(target, scale=found.target.scale) for target in targets]
+    steps = JointSteps.of(problem.robot, problem.nlp)
+    closed, speed = (task.closed, task.stated_speed) if isinstance(task, PathTask) else (False, None)
+    smooth = smooth_motion(problem, steps, own, found.path, closed, placement.without_seam)
+    most = step_bounds(steps, found.path, found.largest_step, speed)
+    end = smooth.solve(StationsPoint(found.w, found.postures), most)
+    return placement.tidied(end.point.w)
+
+
+_MAX_ROUNDS = 3
+"""Of the smooth problem with the workpiece, and of the search at the placement found."""
 
 
 @dataclass(frozen=True, eq=False)
 class PathSelector(DerivedAgain):
-    """The search for the postures along the path of one problem; ``selector`` builds what every point needs.
-
-    Args:
-        w: (4,) where the workpiece stands; ``explains`` says whether a failure is looked into.
-    """
+    """The search for postures along the path of one problem."""
 
     problem: ProblemData
     selector: PostureSelector
     task: PathTask
     placement: PlacementRange
-    w: Array
-    explains: bool = True
+    w: Array  # (4,) where the workpiece stands
+    explains: bool = True  # whether a failure is looked into
 
     @classmethod
     def of(cls, problem: ProblemData) -> PathSelector:
-        """For a problem whose task follows a path; the workpiece in the middle of its ranges.
-
-        Raises:
-            InputError: nothing uncertain, or a task that the arm cannot do.
-        """
+        """Selector for a task along a path, the workpiece mid-range; InputError as `PostureSelector`."""
         task = path_task_of(problem)
         if task.speed == HIGHEST and all(map(math.isnan, problem.robot.velocities)):
             name = problem.robot.joint_names[0]
             hint = f"add robot: velocity: {{{name}: 120 deg/s}}, or state a speed in mm/s"
             raise InputError(Issue("no largest speed of a joint is known", ("task", "speed"), HIGHEST, hint))
         one = replace(problem, task=task.model_copy(update={"path": None, "points": None, "workpiece": None}))
-        spacing = task.spacing or _SPACING_SHARE * problem.robot.length or None
+        spacing = task.spacing or 0.05 * problem.robot.length or None  # joints that move evenly stay near a line then
         task = task.model_copy(update={"spacing": spacing})
         placement = PlacementRange.of(task.workpiece)
         # Many placements or points, and rows that keep the arm clear, are worth the seconds that compiling takes.
-        many = len(TaskPath.of(task).points) > _MIN_COMPILED_POINTS
+        many = len(TaskPath.of(task).points) > 100
         compiled = None if np.any(placement.free) or problem.scene.explicit or many else False
         selector = PostureSelector(one, compiled=compiled)
         return cls(problem, selector, task, placement, placement.centre)
 
     @cached_property
     def path(self) -> TaskPath:
-        """The points of the task, and those added between them, at the placement of the workpiece."""
         return TaskPath.of(self.task).moved(self.w)
 
     @cached_property
     def targets(self) -> list[TaskTarget]:
-        """Those of the points."""
         return self.path.targets(self.selector.target, self.selector.reach)
 
     def solve(self, *, seed: int | None = None, workers: int = 1, progress: Progress | None = None) -> Solution:
-        """The motion, and the placement of the workpiece as far as that is free, of least largest critical spread.
-
-        Args:
-            seed: of the random postures; default: the problem's.
-            workers: processes that share the search for candidates; the answer does not depend on it.
-            progress: called with (done, all) parts of the search.
-
-        Raises:
-            NoSolutionError: a point that no posture reaches, or no way from point to point with steps as small as
-                asked; carries the nearest posture, or the motion of least largest step, and the reasons. Where the
-                workpiece may be placed and no placement does, those of its middle.
-        """
+        """Motion and placement of least largest spread; NoSolutionError carries what comes nearest."""
         seed = self.problem.solver.seed if seed is None else seed
         if np.any(self.placement.free):
             return self._placed(seed, workers, progress)
@@ -116,17 +134,21 @@ class PathSelector(DerivedAgain):
             return self.solve_here(seed, pool, progress)
 
     def _placed(self, seed: int, workers: int, progress: Progress | None) -> Solution:
-        """The best of some placements and of the middle, moved on with the motion while that gains."""
         began = time.perf_counter()
         own = replace(self, w=np.zeros(4)).targets
-        engine = self.selector.engine_of_all(self.targets)
-        places = promising_placements(engine, own, self.placement, seed, workers, progress)
+        chosen = np.unique(np.linspace(0, len(own) - 1, min(6, len(own))).round().astype(int)).tolist()
+        engines = (self.selector.engine_of_all(self.targets),) * len(chosen)
+        stations = PlacedStations(engines, tuple(own[k] for k in chosen), self.placement, "worst")
+        optima = search_placement(stations, seed, workers, progress, wanted=1).optima[:3]
+        places = [self.placement.tidied(optimum.w) for optimum in optima]
         tried: list[Solution | None] = []
         with opened(workers) as pool:
 
             def attempted(w: Array) -> Solution | None:
-                """The motion at a placement, counted as a part of the search."""
-                tried.append(self._attempted(w, seed, pool))
+                try:
+                    tried.append(replace(self, w=w, explains=False).solve_here(seed, pool))
+                except NoSolutionError:
+                    tried.append(None)
                 if progress is not None:
                     progress(len(tried), len(places) + 1 + _MAX_ROUNDS)
                 return tried[-1]
@@ -138,7 +160,7 @@ class PathSelector(DerivedAgain):
             best = min(found, key=_sigma)
             for _ in range(_MAX_ROUNDS):
                 again = attempted(moved_on(best, own, self.placement))
-                if again is None or _sigma(again) > _sigma(best) * (1 - _MIN_SIGMA_GAIN):
+                if again is None or _sigma(again) > _sigma(best) * (1 - 1e-3):
                     break
                 best = again
         assert best.placement is not None
@@ -146,22 +168,8 @@ class PathSelector(DerivedAgain):
         statistics = replace(best.statistics, seconds=time.perf_counter() - began)
         return replace(best, placement=replace(best.placement, at_centre=centre), statistics=statistics)
 
-    def _attempted(self, w: Array, seed: int, pool: Workers) -> Solution | None:
-        """The motion with the workpiece at w (4,); None where there is none."""
-        try:
-            return replace(self, w=w, explains=False).solve_here(seed, pool)
-        except NoSolutionError:
-            return None
-
     def solve_here(self, seed: int, pool: Workers | None = None, progress: Progress | None = None) -> Solution:
-        """The best motion with the workpiece at its placement.
-
-        Args:
-            pool: works on the candidates; progress: called with (done, all) parts of the search for them.
-
-        Raises:
-            NoSolutionError: as `solve`.
-        """
+        """Best motion with the workpiece where it is; raises as `solve`."""
         began = time.perf_counter()
         search = self._search(seed, began, pool, progress)
         stated, speed = self.task.largest_step, self.task.stated_speed
@@ -177,22 +185,21 @@ class PathSelector(DerivedAgain):
         best = search.best(paces, known)
         if best is None:
             assert speed is not None, "the calmest motion keeps its step"
-            self._refuse(search, known[-1], paces.largest, began, too_fast_in_small_steps(search, paces.largest, speed))
+            message = (
+                f"no motion was found at {speed * 1e3:.4g} mm/s with steps of at most "
+                f"{math.degrees(paces.largest):.4g} deg: leave out largest_step, or lower the speed"
+            )
+            self._refuse(search, known[-1], paces.largest, began, Reason("speed", message, 0.0, "m/s"))
         return self._solution(search, best, paces.largest, began)
 
     def _refuse(self, search: MotionSearch, motion: Motion, largest: float, began: float, reason: Reason) -> NoReturn:
-        """Raises the error of a motion that does not keep its bounds; arguments as of `_solution`."""
         raise NoSolutionError(reason.message, self._solution(search, motion, largest, began, [reason]))
 
-    def _search(
-        self, seed: int, began: float, pool: Workers | None = None, progress: Progress | None = None
-    ) -> MotionSearch:
-        """The candidates of all points; where some have none that is clear, with rows that keep the arm clear.
-
-        Raises:
-            NoSolutionError: a point without any.
-        """
-        self._check_plane(began)
+    def _search(self, seed: int, began: float, pool: Workers | None, progress: Progress | None) -> MotionSearch:
+        reach = self.selector.reach
+        off = [float(np.linalg.norm(reach.outside(target.lower, target.upper))) for target in self.targets]
+        if max(off) > reach.plane_slack:
+            self._explain(self.selector.engine_of_all(self.targets), [int(np.argmax(off))], began)
         if len(self.targets) > MAX_SEARCHED_POINTS:
             search = self._search_at_knots(seed, pool, progress)
             if search is not None:
@@ -203,27 +210,19 @@ class PathSelector(DerivedAgain):
             self._explain(engine, failing, began)
         return self._joined(self.path, engine, found, steps)
 
-    def _search_at_knots(
-        self, seed: int, pool: Workers | None = None, progress: Progress | None = None
-    ) -> MotionSearch | None:
-        """The search among motions that were found at some points of a long path; None where none leads all along."""
+    def _search_at_knots(self, seed: int, pool: Workers | None, progress: Progress | None) -> MotionSearch | None:
         numbers = knots_of(self.path)
         targets = [self.targets[k] for k in numbers.tolist()]
         engine, steps, found = self._candidates(targets, seed, pool, progress)
         if not all(map(len, found.costs)):
             return None
-        knots = Knots(self._joined(self.path.at(numbers), engine, found, steps), self.path, self.targets, numbers)
-        motions = motions_at_knots(knots.search, self.task.largest_step, self.task.stated_speed)
-        return knots.along_all(motions)
+        search = self._joined(self.path.at(numbers), engine, found, steps)
+        motions = motions_at_knots(search, self.task.largest_step, self.task.stated_speed)
+        return along_all(search, self.path, self.targets, numbers, motions)
 
     def _candidates(
-        self,
-        targets: Sequence[TaskTarget],
-        seed: int,
-        pool: Workers | None = None,
-        progress: Progress | None = None,
+        self, targets: Sequence[TaskTarget], seed: int, pool: Workers | None = None, progress: Progress | None = None
     ) -> tuple[Engine, JointSteps, PathCandidates]:
-        """The candidates of some points, with the engine that found them."""
         scene = self.problem.scene
         for guarded in (None, True):
             engine = self.selector.engine_of_all(self.targets, guarded)
@@ -235,10 +234,7 @@ class PathSelector(DerivedAgain):
         return engine, steps, found
 
     def can_be_done(self) -> bool:
-        """Whether every point has a posture, and steps as small, or a speed as high, as asked lead along them.
-
-        Why not is not asked.
-        """
+        """Whether postures, steps and speed lead along the path; why not is not asked."""
         seed = self.problem.solver.seed
         engine, steps, found = self._candidates(self.targets, seed)
         if not all(map(len, found.costs)):
@@ -252,7 +248,6 @@ class PathSelector(DerivedAgain):
         return speed is None or keeps_speed(search.law(search.fastest(speed)), speed)
 
     def _joined(self, path: TaskPath, engine: Engine, found: PathCandidates, steps: JointSteps) -> MotionSearch:
-        """The search among the candidates of the points of a path, which have some each."""
         guard = self.selector.engine_of_all(self.targets, True)
         alone = np.array([float(np.min(costs)) for costs in found.costs])
         candidates, closed = found.closed() if self.task.closed else found, self.task.closed
@@ -262,62 +257,42 @@ class PathSelector(DerivedAgain):
     def _solution(
         self, search: MotionSearch, motion: Motion, largest: float, began: float, reasons: Sequence[Reason] = ()
     ) -> Solution:
-        """The answer of a motion, with what simpler ways give.
-
-        Args:
-            largest: step that is allowed [rad or m].
-            reasons: why it does not do.
-        """
-        apart, targets = search.apart or search.found, search.found.targets
-        naive = naive_motions(search.engine, apart, targets, search.steps, self.path, self.problem.scene)
-        problem = search.engine.optimisation_problem
-        astray = off_lines(search.engine, motion.Q)
-        axis, remarks = problem.axis_note(search.found.targets[0]), self.selector.remarks()
+        """Answer of a motion with steps up to ``largest`` [rad or m], and the reasons why it does not do."""
+        targets, problem = search.found.targets, search.engine.optimisation_problem
+        axis, remarks = problem.axis_note(targets[0]), self.selector.remarks()
         notes: tuple[str | Statement, ...] = (*self.problem.notes, axis, *remarks)
-        jumps = search.jumps(motion)
-        breaks = path_breaks(search.engine, self.path, targets, search.steps, motion.Q, astray, jumps)
+        astray, counts = off_lines(search.engine, motion.Q), tuple(map(len, search.found.costs))
         smallest = min(search.calmest[1].largest_step, motion.largest_step)
         followed = PathAnswer(
-            self.path, motion, largest, smallest, search.bound(motion), float(astray.max()),
-            naive, tuple(map(len, search.found.costs)), search.law(motion, self.task.stated_speed), breaks,
+            self.path, motion, largest, smallest, search.bound(motion), float(astray.max()), naive_motions(search),
+            counts, search.law(motion, self.task.stated_speed), search.breaks(motion, astray),
         )  # fmt: skip
         status: Status = "infeasible" if reasons else "optimal" if motion.optimal else "feasible"
         seconds, none = time.perf_counter() - began, np.zeros((0, motion.Q.shape[1]))
-        placed_problem = self.problem.with_workpiece_at(self.w)
-        points = tuple(
-            Solution(placed_problem, problem, target, status, q, _counted(count, seconds, problem), none, notes,
-                     tuple(reasons))
-            for target, q, count in zip(search.found.targets, motion.Q, followed.candidates, strict=True)
-        )  # fmt: skip
+        placed_problem, sampled = self.problem.with_workpiece_at(self.w), Sampled.none(problem.robot)
+        points = []
+        for target, q, count in zip(targets, motion.Q, counts, strict=True):
+            counted = SearchStatistics(count, count, 0, sampled, seconds)
+            points.append(Solution(placed_problem, problem, target, status, q, counted, none, notes, tuple(reasons)))
         placement = Placement(self.placement.lower, self.placement.upper, self.w)
         placed = None if self.task.workpiece is None else placement
-        return replace(points[0], points=points, names=tuple(self.path.numbers), placement=placed, followed=followed)
-
-    def _check_plane(self, began: float) -> None:
-        """Raises the error of the point that lies farthest outside the plane (or line) that the arm moves in."""
-        reach = self.selector.reach
-        off = [float(np.linalg.norm(reach.outside(target.lower, target.upper))) for target in self.targets]
-        k = int(np.argmax(off))
-        if off[k] > reach.plane_slack:
-            self._explain(self.selector.engine_of_all(self.targets), [k], began)
+        names = tuple(self.path.numbers)
+        return replace(points[0], points=tuple(points), names=names, placement=placed, followed=followed)
 
     def _explain(self, engine: Engine, failing: Sequence[int], began: float) -> None:
-        """Raises the error of points that no posture does, with the reasons at the one that lacks most."""
         if not self.explains or self.problem.above_assumed_mounting:  # which is dropped first
             raise NoSolutionError(f"{self.path.numbers[failing[0]]}: no posture was found that meets all requirements")
         targets, names = [self.targets[k] for k in failing], [self.path.numbers[k] for k in failing]
-        target = targets[len(targets) // 2]
+        target, name = targets[len(targets) // 2], names[len(names) // 2]
         searched = multistart(engine, target, np.random.default_rng(self.problem.solver.seed), usual_starts(engine))
         inquiry = self.selector.inquiry(searched, self.problem, self._does)
         why = explain_stations(inquiry, targets, names)
-        name = names[len(names) // 2]
         reasons = why.reasons or (Reason(name, f"{name}: no posture was found that meets all requirements", 0.0, "1"),)
-        why = replace(why, reasons=reasons)
-        solution = infeasible(self.problem, engine, searched, why, time.perf_counter() - began)
+        given = replace(why, reasons=reasons)
+        solution = infeasible(self.problem, engine, searched, given, time.perf_counter() - began)
         raise NoSolutionError("\n".join(reason.message for reason in reasons), solution)
 
     def _does(self, changes: Sequence[Change], near: Array) -> bool:
-        """Whether the whole path can be done with some changes."""
         try:
             changed = PathSelector.of(with_changes(self.problem, changes))
             return replace(changed, w=self.w).can_be_done()
@@ -325,19 +300,12 @@ class PathSelector(DerivedAgain):
             return False
 
 
-def _counted(candidates: int, seconds: float, problem: OptimisationProblem) -> SearchStatistics:
-    """Of a point, whose candidates are compared together with those of all others."""
-    sampled = Sampled.none(problem.robot)
-    return SearchStatistics(candidates, candidates, 0, 0, 0, 0, sampled, None, math.nan, 1, 0, seconds)
-
-
 def _sigma(found: Solution) -> float:
-    """Largest σ_max [m] along a motion, as the search has it."""
+    """Largest σ_max [m] along a motion."""
     return float(found.motion.sigma.max())
 
 
 def path_task_of(problem: ProblemData) -> PathTask:
-    """The task of a problem that follows a path."""
     task = task_of(problem)
     assert isinstance(task, PathTask), task.kind
     return task

@@ -14,57 +14,36 @@ from posture_opt.selection.program.task_target import Reach, TaskTarget, turned_
 from posture_opt.selection.tasks.path_task import PathTask
 from posture_opt.uncertainty.spread.task_spread import across_basis
 
-_CLOSED_DISTANCE_M = 1e-9  # m: first and last point of a closed path are one
-_MIN_DIRECTION_SUM = 1e-9  # length of the sum of two unit vectors that point in opposite directions
-
 
 @dataclass(frozen=True)
 class TaskPath:
-    """Points to be passed in this order: those that are listed, and more between them where they stand far apart.
+    """Points in their order: listed ones, and more between them where they stand far apart."""
 
-    Args:
-        points: (K, 3) world [m].
-        tangents: (K, 3) unit vectors of travel: at a listed point that bisects the directions of the two segments that
-            meet there, whatever their lengths; at the ends of an open path, and between listed points, the segment's.
-        axes: (K, 3) unit vectors, world, where the tool axis is to point; turned evenly between listed points.
-        listed: (K,) whether the point is one of the task's own.
-        parts: (K − 1,) into how many steps the step between two listed points is divided there.
-        origin: (3,) of the workpiece that the points lie on [m], world: what its angle turns them about.
-    """
-
-    points: Array
+    points: Array  # (K, 3) world [m]
+    # (K, 3) unit vectors of travel: the segment's; at a listed point the bisector of the two that meet there.
     tangents: Array
-    axes: Array
-    listed: Mask
-    parts: Array
-    origin: Array
+    axes: Array  # (K, 3) unit vectors, world, where the tool axis is to point; turned evenly between listed points
+    listed: Mask  # (K,) whether the point is one of the task's own
+    parts: Array  # (K − 1,) into how many steps the step between two listed points is divided there
+    origin: Array  # (3,) of the workpiece that the points lie on [m], world: what its angle turns them about
 
     @classmethod
     def of(cls, task: PathTask) -> TaskPath:
-        """The path of a task that its points are known of: where the tool point goes, travel as of the points.
-
-        Raises:
-            InputError: ``spacing`` adds more points than a path may have.
-        """
+        """Path of a task, with points added where ``spacing`` asks for them; InputError for too many."""
         points, axes, along = np.array(task.tool_points), np.array(task.unit_axes), tangents(np.array(task.points))
-        count = len(points) - 1
-        every, steps = np.ones(count + 1, dtype=bool), np.ones(count, dtype=int)
+        every, steps = np.ones(len(points), dtype=bool), np.ones(len(points) - 1, dtype=int)
         listed = cls(points, along, axes, every, steps, np.array(task.origin))
         return listed if task.spacing is None else listed._spaced(task.spacing)
 
     def at(self, numbers: Codes) -> TaskPath:
-        """The path through some of its points, the first and the last one among them.
-
-        A step between two of them counts as the steps that it is divided into here do on average.
-        """
+        """Path through some of its points, both ends among them; steps count as their parts do on average."""
         spans, counted = np.diff(numbers), np.concatenate([[0.0], np.cumsum(self.parts)])
         parts = np.diff(counted[numbers]) / spans**2
-        points, tangents_there, axes = self.points[numbers], self.tangents[numbers], self.axes[numbers]
-        every = np.ones(len(numbers), dtype=bool)
-        return replace(self, points=points, tangents=tangents_there, axes=axes, listed=every, parts=parts)
+        rows = {name: getattr(self, name)[numbers] for name in ("points", "tangents", "axes")}
+        return replace(self, **rows, listed=np.ones(len(numbers), dtype=bool), parts=parts)
 
     def moved(self, w: Array) -> TaskPath:
-        """The same path in a frame that was the world's and is now at the placement w = (x, y, z, yaw) [m, rad]."""
+        """The path in a frame that stands at w = (x, y, z, yaw) [m, rad]."""
         points, along, axes, origin = (
             turned_about_z(rows.T, np.cos(w[3]), np.sin(w[3])).T
             for rows in (self.points, self.tangents, self.axes, self.origin)
@@ -72,7 +51,7 @@ class TaskPath:
         return replace(self, points=points + w[:3], tangents=along, axes=axes, origin=origin + w[:3])
 
     def targets(self, base: TaskTarget, reach: Reach) -> list[TaskTarget]:
-        """The target of each point: the spread across the tangent, the tool along the axis."""
+        """Targets of the points: the spread across the tangent, the tool along the axis."""
         return [
             replace(
                 base, lower=x, upper=x, direction=t, basis=across_basis(t, reach.normal),
@@ -88,7 +67,7 @@ class TaskPath:
 
     @cached_property
     def numbers(self) -> list[str]:
-        """What each point is called: its number in the task, or the two that it lies between."""
+        """Name of each point: its number in the task, or the two that it lies between."""
         count, names = 0, []
         for listed in self.listed:
             count += int(listed)
@@ -96,7 +75,7 @@ class TaskPath:
         return names
 
     def _spaced(self, spacing: float) -> TaskPath:
-        """The same path with points between those that are farther apart than ``spacing`` [m]."""
+        """The path with points between those farther apart than ``spacing`` [m]."""
         rows: list[tuple[Array, Array, Array, bool]] = []
         parts: list[int] = []
         gaps = np.linalg.norm(np.diff(self.points, axis=0), axis=1)
@@ -118,17 +97,17 @@ def tangents(points: Array) -> Array:
     """(K, 3) unit vectors of travel at the points (K, 3) of a polyline, as `TaskPath` defines them."""
     along = np.diff(points, axis=0)
     along = along / np.linalg.norm(along, axis=1, keepdims=True)
-    closed = np.linalg.norm(points[0] - points[-1]) < _CLOSED_DISTANCE_M
+    closed = np.linalg.norm(points[0] - points[-1]) < 1e-9  # m
     into = np.vstack([along[-1:] if closed else along[:1], along])
     out = np.vstack([along, along[:1] if closed else along[-1:]])
     both = into + out
     length = np.linalg.norm(both, axis=1, keepdims=True)
     # Where the path turns back on itself the line is the same both ways.
-    return np.where(length > _MIN_DIRECTION_SUM, both / np.maximum(length, _MIN_DIRECTION_SUM), out)
+    return np.where(length > 1e-9, both / np.maximum(length, 1e-9), out)
 
 
 def between(a: Array, b: Array, s: float) -> Array:
-    """(3,) the unit vector that lies a share ``s`` of the angle from unit vector ``a`` to ``b``."""
+    """(3,) unit vector at a share ``s`` of the angle from unit vector ``a`` to ``b``."""
     angle = float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
     if np.sin(angle) < 1e-9:
         return np.asarray(a if s < 0.5 else b)
@@ -136,5 +115,5 @@ def between(a: Array, b: Array, s: float) -> Array:
 
 
 def stacked(targets: Sequence[TaskTarget]) -> Array:
-    """(K, p) the parameters of some targets."""
+    """(K, p) parameters of targets."""
     return np.array([target.parameters for target in targets])

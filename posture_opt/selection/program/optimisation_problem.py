@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
@@ -20,7 +20,7 @@ from posture_opt.collision.scene import Scene
 from posture_opt.errors import InputError, Issue
 from posture_opt.model.arm import Arm
 from posture_opt.model.chain import Walk, stack
-from posture_opt.numerics import DerivedAgain
+from posture_opt.numerics import Array, DerivedAgain
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.program.nlp import Nlp, Row, Variable
 from posture_opt.selection.program.task_target import PLANE_TOLERANCE, Reach, TaskTarget, spin_axis, target_symbols
@@ -36,35 +36,22 @@ Alignment = Literal["exact", "loose", "free"]
 
 @dataclass(frozen=True)
 class OptimisationProblem(DerivedAgain):
-    """Everything symbolic about selecting a posture for ``task`` with one kind of target.
-
-    Which rows and which spread there are is decided here; the numbers come with each target.
-
-    Args:
-        reach: what the arm can do with its tool point and its tool axis.
-        kind: of the target: ``point``, ``region`` or ``anywhere``.
-        alignment: whether the tool axis is held along the direction exactly, within ``reach.axis_slack`` (an arm with
-            too few joints for more), or not at all.
-        in_plane: whether the direction lies in the plane of a planar arm.
-        scene: what the arm keeps clear of by rows; None where collisions are not looked at.
-    """
+    """Everything symbolic about selecting a posture for ``task`` with one kind of target."""
 
     tool_point: ToolPoint
     task: Task
     reach: Reach
-    kind: str
-    alignment: Alignment
-    in_plane: bool
-    scene: Scene | None = None
+    kind: str  # of the target: point, region or anywhere
+    alignment: Alignment  # the tool axis held exactly, within ``reach.axis_slack``, or free
+    in_plane: bool  # the direction lies in the plane of a planar arm
+    scene: Scene | None = None  # what rows keep the arm clear of
 
     @property
     def arm(self) -> Arm:
-        """The forward model."""
         return self.tool_point.arm
 
     @property
     def robot(self) -> Robot:
-        """The arm without its effects."""
         return self.tool_point.robot
 
     @property
@@ -75,7 +62,7 @@ class OptimisationProblem(DerivedAgain):
         return self.reach.axis_rank if self.alignment == "exact" else 2
 
     def fixed_along(self, target: TaskTarget) -> bool:
-        """Whether no joint turns the tool axis, and it lies along the direction (within the tilt) as it is."""
+        """Whether no joint turns the tool axis, and it lies along the direction within the tilt."""
         angle = math.acos(max(-1.0, min(1.0, float(self.reach.axis @ target.axis))))
         return self.reach.axis_rank == 0 and angle <= target.tilt + self.reach.axis_slack
 
@@ -89,29 +76,18 @@ class OptimisationProblem(DerivedAgain):
         return state(f"selection.axis-{'given' if self.fixed_along(target) else 'impossible'}")
 
     def check_axis(self, target: TaskTarget) -> None:
-        """Whether the arm can do with its tool axis what the task requires.
-
-        Raises:
-            InputError: it cannot, with the key that asks for it.
-        """
-        if self.task.part is not None and not self.axis_rows and not self.fixed_along(target):
-            raise InputError(
-                Issue(
-                    "the length of a peg counts along the tool axis, which this arm cannot bring along the direction",
-                    ("task", "length"),
-                    self.task.part.length,
-                    "name the tool_axis that it can, of a planar arm [1, 0, 0], or leave out the length",
-                )
-            )
-        if self.task.axis_request == "required" and not self.axis_rows and not self.fixed_along(target):
-            raise InputError(
-                Issue(
-                    f"{self.task.kind} needs the tool axis along the direction, which this arm cannot give",
-                    ("task", "kind"),
-                    self.task.kind,
-                    "use kind: insert, which does not constrain the tool orientation of such an arm",
-                )
-            )
+        """Raise InputError where the arm cannot do with its tool axis what the task requires."""
+        task = self.task
+        if self.axis_rows or self.fixed_along(target):
+            return
+        if task.part is not None:
+            message = "the length of a peg counts along the tool axis, which this arm cannot bring along the direction"
+            hint = "name the tool_axis that it can, of a planar arm [1, 0, 0], or leave out the length"
+            raise InputError(Issue(message, ("task", "length"), task.part.length, hint))
+        if task.axis_request == "required":
+            message = f"{task.kind} needs the tool axis along the direction, which this arm cannot give"
+            hint = "use kind: insert, which does not constrain the tool orientation of such an arm"
+            raise InputError(Issue(message, ("task", "kind"), task.kind, hint))
 
     @cached_property
     def flat(self) -> bool:
@@ -133,7 +109,6 @@ class OptimisationProblem(DerivedAgain):
 
     @cached_property
     def _seen(self) -> ToolPoint:
-        """The tool point as a target sees it whose lever is a parameter."""
         return self.tool_point.seen_from(ca.vertsplit(self._symbols[1]["lever"]))
 
     @cached_property
@@ -143,7 +118,7 @@ class OptimisationProblem(DerivedAgain):
 
     @cached_property
     def _symbols(self) -> tuple[ca.SX, dict[str, ca.SX]]:
-        """The parameters of the target: (33,) all of them, and by their names."""
+        """Parameters (33,) of the target, and their parts by name."""
         return target_symbols()
 
     @cached_property
@@ -151,9 +126,7 @@ class OptimisationProblem(DerivedAgain):
         """The symbolic quantities that objective and terms are made of."""
         moments = self._moments
         p = self._symbols[1]
-        columns = moments.walk.columns
         a = np.array(self.task.tool_axis) / np.linalg.norm(self.task.tool_axis)
-        axis = stack([sum(float(a[j]) * columns[j][k] for j in range(3)) for k in range(3)])
         U = self.reach.directions
         position = ca.SX(moments.position)
         all_axes = ca.SX(U) if self.flat else ca.SX.eye(3)
@@ -167,7 +140,7 @@ class OptimisationProblem(DerivedAgain):
             walk=moments.walk,
             q=self.q,
             position=position,
-            axis=ca.SX(axis),
+            axis=_turned(moments.walk, a),
             frames=self._frames(moments.walk),
             covariance=ca.SX(moments.covariance),
             bias=ca.SX(moments.mean) - position,
@@ -188,7 +161,6 @@ class OptimisationProblem(DerivedAgain):
 
     @cached_property
     def nlp(self) -> Nlp:
-        """The nonlinear program itself."""
         units = {"revolute": "rad", "prismatic": "m"}
         variables = tuple(Variable(j.name, units[j.type], j.lower, j.upper) for j in self.robot.joints)
         terms = self._objective_terms()
@@ -205,17 +177,13 @@ class OptimisationProblem(DerivedAgain):
 
     @cached_property
     def freedom(self) -> int:
-        """Degrees of freedom that target and tool axis leave, those that matter to nothing not counted."""
+        """Degrees of freedom left by target and tool axis, indifferent joints not counted."""
         equal = sum(row.equality for row in self.nlp.rows)
         held = [k for k, joint in enumerate(self.robot.joints) if joint.lower == joint.upper]
         return max(self.robot.n - len({*self.nlp.indifferent, *held}) - equal, 0)
 
     def _objective_terms(self) -> list[tuple[str, ca.SX]]:
-        """What is minimised, part by part: the criterion over its scale, and the terms of ``minimize`` with their
-        weights.
-
-        The scale is a typical variance [m²]: variances of 1e-9 m² would end a solver with absolute tolerances at once.
-        """
+        """Criterion over its scale (1e-9 m² would end a solver at once), and weighted ``minimize`` terms."""
         task, at = self.task, self.quantities
         for k, term in enumerate(task.minimize):
             self._values(term, "minimize", k)
@@ -231,10 +199,7 @@ class OptimisationProblem(DerivedAgain):
         return [main, *extra]
 
     def _target_rows(self) -> list[Row]:
-        """The tool point on the target [m]: one equality for each direction in which the arm can move it, or a box.
-
-        An arm in a plane has two such rows and not three: a third would make the rows dependent.
-        """
+        """An equality [m] per direction the tool point moves in (a third would be dependent), or a box."""
         at, p = self.quantities, self._symbols[1]
         if self.kind == "anywhere":
             return []
@@ -257,10 +222,7 @@ class OptimisationProblem(DerivedAgain):
         return rows
 
     def _axis_rows(self) -> list[Row]:
-        """The tool axis t along the wanted axis a: ``a₁·t = 0``, ``a₂·t = 0`` and ``a·t ≥ 0``, a₁ and a₂ across a.
-
-        With a tilt: ``(a₁·t)² + (a₂·t)² ≤ sin² tilt``, which is smooth where the angle itself is not.
-        """
+        """Tool axis t along a: ``a₁·t = a₂·t = 0``, ``a·t ≥ 0``; with tilt ``(a₁·t)² + (a₂·t)² ≤ sin² tilt``."""
         if not self.axis_rows:
             return []
         at, p, zero = self.quantities, self._symbols[1], ca.SX(0)
@@ -277,19 +239,14 @@ class OptimisationProblem(DerivedAgain):
         """Sine of the turn of the tool away from the wanted yaw, which is zero, and the side on which it faces."""
         if self.task.heading is None:
             return []
-        p, zero, b = self._symbols[1], ca.SX(0), spin_axis(self.task.tool_axis)
-        columns = self.quantities.walk.columns
-        turned = ca.SX(stack([sum(float(b[j]) * columns[j][k] for j in range(3)) for k in range(3)]))
+        p, zero = self._symbols[1], ca.SX(0)
+        turned = _turned(self.quantities.walk, spin_axis(self.task.tool_axis))
         beside = ca.dot(ca.cross(p["spin"], p["axis"]), turned)
         facing = Row("yaw.facing", "1", ca.dot(p["spin"], turned), zero, ca.SX(math.inf))
         return [Row("yaw", "1", beside, zero, zero), facing]
 
     def clearance_rows(self, obstacles: Sequence[Obstacle] | None = None) -> list[Row]:
-        """A lower bound of each distance that is checked, at least the margin of the scene [m].
-
-        Args:
-            obstacles: in place of those of the scene: the same ones, smaller or moved by symbols.
-        """
+        """Lower bounds of distances, at least the margin [m]; ``obstacles`` may be smaller or moved by symbols."""
         if self.scene is None:
             return []
         margin, endless = ca.SX(self.scene.margin), ca.SX(math.inf)
@@ -297,9 +254,7 @@ class OptimisationProblem(DerivedAgain):
         return [Row(name, "m", bound, margin, endless, name, convex=True) for name, bound in bounds]
 
     def _bound_rows(self) -> list[Row]:
-        """The terms of ``subject_to``, each entry over the size of its row; terms that hold joints are bounds of
-        these.
-        """
+        """The terms of ``subject_to``, each entry over the size of its row."""
         rows = []
         for k, (name, term) in enumerate(bound_terms(self.task)):
             if term.held(self.robot):
@@ -312,11 +267,7 @@ class OptimisationProblem(DerivedAgain):
         return rows
 
     def _values(self, term: Term, section: str, place: int) -> list[ca.SX]:
-        """The quantities of a term [unit], one for each of its rows.
-
-        Raises:
-            InputError: the term has none on this arm, as no joint of it can change them.
-        """
+        """The quantities of a term [unit], a row each; an InputError where no joint changes them."""
         values: list[ca.SX] = ca.vertsplit(ca.vec(term.quantity(self.quantities)))
         if not values:
             message = f"{term.kind} bounds nothing on this arm: no joint of it can change that"
@@ -324,16 +275,39 @@ class OptimisationProblem(DerivedAgain):
         return values
 
 
+def _turned(reached: Walk, vector: Array) -> ca.SX:
+    """A vector (3,) of the tool frame in the world."""
+    return ca.SX(stack([sum(float(vector[j]) * reached.columns[j][k] for j in range(3)) for k in range(3)]))
+
+
 def _shown_as(term: Term) -> Callable[[float], float]:
-    """From the value of a term's row to what reports state of its quantity."""
     return lambda value: term.shown(value * term.row_size)
 
 
 def bound_terms(task: Task) -> list[tuple[str, Term]]:
-    """The terms of ``subject_to`` in their order, each with the name of its requirement: kinds that recur are
-    numbered.
-    """
+    """The terms of ``subject_to`` with the names of their requirements: kinds that recur are numbered."""
     kinds = [term.kind for term in task.subject_to]
     counts = [kinds[: k + 1].count(kind) for k, kind in enumerate(kinds)]
     names = [kind if kinds.count(kind) == 1 else f"{kind} ({n})" for kind, n in zip(kinds, counts, strict=True)]
     return list(zip(names, task.subject_to, strict=True))
+
+
+def held_joints(robot: Robot, task: Task) -> dict[int, float]:
+    """Joint index -> value [rad or m] of all that terms of the task hold."""
+    return {joint: value for term in task.subject_to for joint, value in term.held(robot).items()}
+
+
+def with_held_joints(arm: Arm, task: Task) -> Arm:
+    """The arm whose joints that the task holds have their value as both limits: neither starts nor steps move them."""
+    held = held_joints(arm.robot, task)
+    if not held:
+        return arm
+    joints = tuple(
+        replace(joint, lower=held[k], upper=held[k]) if k in held else joint for k, joint in enumerate(arm.robot.joints)
+    )
+    return replace(arm, robot=replace(arm.robot, joints=joints))
+
+
+def released(robot: Robot, task: Task) -> Task:
+    """The task without terms that hold joints, which an inquiry into a failure lets give."""
+    return task.model_copy(update={"subject_to": tuple(term for term in task.subject_to if not term.held(robot))})

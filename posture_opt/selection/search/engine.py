@@ -1,101 +1,75 @@
-"""``Engine``: the functions that screen, lead and improve the postures of one optimisation problem, built once."""
+"""``Engine``: the functions that screen, lead, improve and confirm postures of one optimisation problem, built once."""
 
 from __future__ import annotations
 
+import math
 import pickle
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
-from posture_opt.collision.contact_slack import ContactSlack
-from posture_opt.collision.contacts import Contacts
+from posture_opt.collision.contacts import Contacts, ContactSlack
 from posture_opt.model.compiled import BatchFunction
 from posture_opt.model.toolchain import find_compiler
-from posture_opt.numerics import Array, Codes, DerivedAgain
+from posture_opt.numerics import TURN, Array, Codes, DerivedAgain, Json, finite_or_none
 from posture_opt.robot.robot import Robot
+from posture_opt.selection.program.nlp import Nlp
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
-from posture_opt.selection.program.pose_request import PoseRequest, held_request, request_for
 from posture_opt.selection.program.task_target import TaskTarget
-from posture_opt.selection.search.clusters import clusters
-from posture_opt.selection.search.confirming_solver import ConfirmingSolver
 from posture_opt.selection.search.elastic_problem import ElasticProblem
-from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE, InverseKinematics
+from posture_opt.selection.search.inverse_kinematics import (
+    ROW_TOLERANCE,
+    InverseKinematics,
+    PoseRequest,
+    held_request,
+    request_for,
+)
 from posture_opt.selection.search.local_search import LocalOptima, LocalSearch
-from posture_opt.selection.solvers import Outcome, Polish, Solver
+from posture_opt.selection.solvers import Ends, Outcome, Polish, Solver
 
 
 @dataclass(frozen=True)
 class CandidatePosture:
-    """One posture of a search.
+    """One posture of a search."""
 
-    Args:
-        q: (n,) [rad or m].
-        objective: over the target's scale, so about one.
-        violation: the largest of a row [m, rad or 1].
-        sigma: σ_max of the part that counts [m].
-        optimal: whether first-order conditions hold; ``message`` is the solver's status.
-        count: local searches that ended there.
-    """
-
-    q: Array
-    objective: float
-    violation: float
-    sigma: float
+    q: Array  # (n,) [rad or m]
+    objective: float  # over the target's scale, about one
+    violation: float  # the largest of a row [m, rad or 1]
+    sigma: float  # σ_max [m]
     optimal: bool = False
-    message: str = "not improved"
-    count: int = 1
+    message: str = "not improved"  # the solver's status
+    count: int = 1  # searches that ended there
 
     @property
     def feasible(self) -> bool:
-        """Whether every row is met."""
         return self.violation <= ROW_TOLERANCE
 
 
-STEPS = 60
-"""Of a local search that is followed to its end."""
-
-VIOLATION_PRICE = 1e3  # of the objective for each m or rad of violation: the multipliers of rows are seldom larger
-MAX_IPOPT_FALLBACKS = 4  # IPOPT solves tried in one search where the local search ends infeasible
+STEPS = 60  # of a local search that is followed to its end
 
 
 @dataclass(frozen=True)
 class Engine(DerivedAgain):
-    """The functions that solve one optimisation problem again and again, built once.
-
-    Each is built, and compiled where a C compiler is found, when it is first used. An engine travels to other
-    processes as the data that it is built from.
-
-    Args:
-        compiled: None compiles where a C compiler is found; False never; True or an error.
-        exact: whether the search keeps the arm clear by exact distances in C, where there is a compiler, instead of by
-            rows of the nonlinear program: for repeated solves, which build neither these rows nor their derivatives.
-    """
+    """The functions that solve one problem again and again, each built (and compiled) on first use."""
 
     optimisation_problem: OptimisationProblem
     solver: Solver
-    compiled: bool | None
-    exact: bool = False
+    compiled: bool | None  # None: where a C compiler is found
+    exact: bool = False  # exact distances in C in place of rows, where there is a compiler
 
     @property
     def robot(self) -> Robot:
-        """The robot of the optimisation problem, n joints."""
         return self.optimisation_problem.robot
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return engine_of, (self._packed,)
-
-    @cached_property
-    def _packed(self) -> bytes:
-        """The data that the engine is built from, as bytes."""
-        # A fresh copy, without the symbols that the optimisation problem has cached.
-        return pickle.dumps((replace(self.optimisation_problem), self.solver, self.compiled, self.exact))
+        return engine_of, (pickle.dumps((replace(self.optimisation_problem), self.solver, self.compiled, self.exact)),)
 
     @cached_property
     def contacts(self) -> Contacts | None:
-        """What the search keeps apart by exact distances; None where rows of the program do so, or nothing does."""
+        """Contacts kept by exact distances in the search, or None with rows in their place."""
         scene = self.optimisation_problem.scene
         wanted = self.exact and scene is not None and self.compiled is not False and find_compiler()
         return scene.contacts if scene is not None and wanted else None
@@ -114,7 +88,6 @@ class Engine(DerivedAgain):
 
     @cached_property
     def ik(self) -> InverseKinematics:
-        """Brings random postures onto the target."""
         problem = self.searched
         arm, task, spun = problem.arm, problem.task, problem.task.heading is not None
         whole = problem.nlp.unlike_turns
@@ -122,17 +95,12 @@ class Engine(DerivedAgain):
 
     @cached_property
     def screen(self) -> Callable[[Array, Array], tuple[Array, ...]]:
-        """Postures (N, n) and parameters (30,) or (N, 30) to objective, worst violation of a row, first term and
-        variance.
-
-        Each (N, 1); the variance [m²] is that along the worst axis, whatever the criterion.
-        """
+        """Postures (N, n), parameters (33,) or (N, 33) -> objective, worst violation, first term, variance [m²]."""
         rows = BatchFunction(self.searched.nlp.screen, compiled=self.compiled)
         return rows if self.contacts is None else _ScreenWithContacts(rows, ContactSlack(self.contacts, self.compiled))
 
     @cached_property
     def local(self) -> LocalSearch:
-        """Follows postures to local optima."""
         return LocalSearch(self.searched.nlp, self.ik.step, self.solver.tolerance, self.compiled, self.contacts)
 
     @cached_property
@@ -142,7 +110,7 @@ class Engine(DerivedAgain):
 
     @cached_property
     def fallback_solver(self) -> Polish:
-        """The solver of the problem, for what the local search does not settle: seldom, so that it is not compiled."""
+        """The solver for starts that the local search does not settle: seldom, so not compiled."""
         return self.solver.build(self.optimisation_problem.nlp)
 
     @cached_property
@@ -164,19 +132,16 @@ class Engine(DerivedAgain):
         return problem.reach.axis_slack / 2 if problem.alignment == "loose" else 0.0
 
     def descended(self, Q: Array, target: TaskTarget, steps: int, state: Array | None = None) -> LocalOptima:
-        """The postures (N, n) after at most ``steps`` steps of the local search, with the state (N, m + n + 1) to go on
-        from.
-        """
+        """Postures (N, n) after at most ``steps`` steps; ``state`` (N, m + n + 1) to go on from."""
         return self.local.descend(Q, target.parameters, self.held(target).rows, steps, state)
 
     def descended_each(self, Q: Array, targets: Sequence[TaskTarget], of: Codes, steps: int) -> LocalOptima:
-        """The same, the posture in row r (N, n) for ``targets[of[r]]``."""
+        """As `descended`, the posture in row r (N, n) for ``targets[of[r]]``."""
         parameters = np.array([target.parameters for target in targets])[of]
         held = np.vstack([self.held(target).rows for target in targets])[of]
         return self.local.descend(Q, parameters, held, steps)
 
     def held(self, target: TaskTarget) -> PoseRequest:
-        """What the steps of the local search must keep."""
         return held_request(target, self.optimisation_problem.axis_rows > 0, self._slack_of_axis)
 
     def candidates(self, Q: Array, target: TaskTarget) -> list[CandidatePosture]:
@@ -193,30 +158,21 @@ class Engine(DerivedAgain):
         return np.hstack([objective, violation, np.sqrt(np.maximum(variance, 0.0))])
 
     def scale_of(self, variances: Array) -> float:
-        """What the objective is divided by: the median of some postures' own terms (N,) [m²], one where it has no
-        unit.
-        """
+        """Median of postures' own terms (N,) [m²], one where the objective has no unit."""
         middle = 1.0 if self.optimisation_problem.task.criterion == "miss" else median(variances)
         return middle if middle > 0 else 1.0
 
     def polished(self, start: CandidatePosture, target: TaskTarget) -> CandidatePosture:
-        """The local optimum that a posture leads to; the posture itself where nothing better was found.
-
-        A start may gain a little objective from the last digits of its rows: a tie goes to the local search.
-        """
+        """The local optimum that a posture leads to, or itself; a tie goes to the local search."""
         end = self.settled(self.descended(start.q[None], target, STEPS), target)[0]
         return end if _better(end, start) else self.tidied([replace(start, message=end.message)], target)[0]
 
     def settled(
         self, found: LocalOptima, target: TaskTarget, count: Codes | None = None, helped: bool = True
     ) -> list[CandidatePosture]:
-        """Where local searches ended, with tidy joint values; IPOPT is tried on a few that are not optimal.
+        """Where local searches ended, tidy; IPOPT is tried on a few without an optimum that could change the answer.
 
-        Only where it could change the answer: a search that ended without an optimum below the best one that is known.
-
-        Args:
-            count: (N,) how many searches each of them represents.
-            helped: whether IPOPT is tried where a feasible optimum is known too; else only where there is none.
+        ``count`` (N,): searches that each stands for; ``helped``: IPOPT is tried beside a feasible optimum too.
         """
         counts, words = np.ones(len(found.q), dtype=int) if count is None else count, ("not converged", "converged")
         ends = [
@@ -227,17 +183,16 @@ class Engine(DerivedAgain):
         limit = min((end.objective for end in ends if end.optimal and end.feasible), default=np.inf)
         doubtful = [k for k, end in enumerate(ends) if not end.optimal and (end.objective < limit or not end.feasible)]
         promising = np.isinf(limit) or (helped and any(ends[k].feasible for k in doubtful))
-        for k in doubtful[: MAX_IPOPT_FALLBACKS if promising else 0]:
+        for k in doubtful[: 4 if promising else 0]:
             ends[k] = self.confirmed(ends[k], target)
         return ends
 
     def confirmed(self, candidate: CandidatePosture, target: TaskTarget) -> CandidatePosture:
-        """The same candidate, or where IPOPT goes on to from one that is no optimum."""
+        """The candidate, or where IPOPT goes on to from one without optimality."""
         better = candidate if candidate.optimal else self._fallback_solution(candidate, target)
         return candidate if better is candidate else self.tidied([better], target)[0]
 
     def _fallback_solution(self, start: CandidatePosture, target: TaskTarget) -> CandidatePosture:
-        """Where IPOPT ends from a candidate, the candidate itself where that is not better."""
         if self.contacts is not None:
             return start  # IPOPT has rows in place of exact distances, and takes longer than many more starts
         if self.searched.freedom == 0:
@@ -251,13 +206,10 @@ class Engine(DerivedAgain):
         return end if _better(end, start) else replace(start, message=outcome.message)
 
     def clusters(self, Q: Array, size: Codes | None = None) -> tuple[Codes, Codes]:
-        """As :func:`clusters`, by the joints that matter."""
         return clusters(Q, self.robot, size, self.indifferent)
 
     def tidied(self, candidates: Sequence[CandidatePosture], target: TaskTarget) -> list[CandidatePosture]:
-        """The same postures with joints that do not matter at zero, whole turns taken off and angles rounded where that
-        is free.
-        """
+        """Candidates with indifferent joints at zero, whole turns taken off, angles rounded where free."""
         if not candidates:
             return []
         tidy = self._tidy(np.array([candidate.q for candidate in candidates]), target)
@@ -267,10 +219,7 @@ class Engine(DerivedAgain):
         ]
 
     def _tidy(self, Q: Array, target: TaskTarget) -> Iterator[tuple[Array, float, float, float]]:
-        """Tidy postures in place of Q (N, n), with their objective, violation and σ_max [m].
-
-        A rounded angle is taken where neither objective nor violation gets worse by more than 1e-9.
-        """
+        """Tidy postures in place of Q (N, n) where they cost less than 1e-9, with objective, violation, σ_max [m]."""
         given, (lower, upper, turns, idle) = Q, self._ends
         turned = Q - turns * np.rint(Q * (0.5 / np.pi))
         Q = np.where((turned >= lower) & (turned <= upper), turned, Q)
@@ -285,7 +234,6 @@ class Engine(DerivedAgain):
 
     @cached_property
     def _ends(self) -> tuple[Array, Array, Array, list[int]]:
-        """Limits and whole turns of the joints, and those that matter to nothing."""
         robot = self.robot
         turns = np.array([2 * np.pi * (joint.type == "revolute") for joint in robot.joints])
         return np.array(robot.lower), np.array(robot.upper), turns, list(self.indifferent)
@@ -293,8 +241,6 @@ class Engine(DerivedAgain):
 
 @dataclass(frozen=True)
 class _ScreenWithContacts:
-    """`Engine.screen` with the violation of what is too near among that of the rows."""
-
     rows: BatchFunction
     kept: ContactSlack
 
@@ -310,13 +256,131 @@ def engine_of(packed: bytes) -> Engine:
 
 
 def _better(end: CandidatePosture, start: CandidatePosture) -> bool:
-    """Whether a search ended at a feasible posture that is no worse than where it started, violation priced in."""
-    return end.feasible and (
-        not start.feasible or end.objective <= start.objective + 1e-6 + VIOLATION_PRICE * start.violation
-    )
+    # 1e3 a unit of violation: multipliers of rows are seldom larger
+    return end.feasible and (not start.feasible or end.objective <= start.objective + 1e-6 + 1e3 * start.violation)
 
 
 def median(values: Array) -> float:
     """The median of (N,) values; NumPy's own loads its masked arrays first, which a cold start can do without."""
     ordered = np.sort(values)
     return float(ordered[(len(ordered) - 1) // 2] + ordered[len(ordered) // 2]) / 2
+
+
+DISTINCT_ANGLE = math.radians(5.0)  # apart in a joint: well above what a search leaves open in a flat valley
+
+
+def clusters(Q: Array, robot: Robot, size: Codes | None = None, ignored: Sequence[int] = ()) -> tuple[Codes, Codes]:
+    """Rows of Q (k, n) [rad or m] that differ from all before, and how many, ``size`` (k,) each, are near them.
+
+    Near: within 5° or 10 mm in each joint but the ``ignored``, whole turns taken off.
+    """
+    joints = [k for k in range(robot.n) if k not in ignored]
+    revolute = np.array([robot.joints[k].type == "revolute" for k in joints], dtype=bool)[:, None]
+    limit, turn = np.where(revolute, DISTINCT_ANGLE, 0.01)[..., None], np.where(revolute, TURN, 0.0)
+    X = Q.T[joints]
+    X -= turn * np.rint(X / TURN)  # angles within half a turn of zero are near, or a turn but a little apart
+    beyond = np.where(revolute, TURN, np.inf)[..., None] - limit
+    left, cluster = np.ones(len(Q), dtype=bool), np.zeros(len(Q), dtype=int)
+    first: list[int] = []
+    for block in range(0, len(Q), 64):  # a block of 64 rows bounds the memory
+        apart = np.abs(X[:, block : block + 64, None] - X[:, None])
+        near = np.logical_and.reduce((apart <= limit) | (apart >= beyond))
+        for k, row in enumerate(near, start=block):
+            if left[k]:
+                row &= left
+                cluster[row] = len(first)
+                first.append(k)
+                left ^= row
+    return np.array(first, dtype=int), np.bincount(cluster, size, len(first)).astype(int)
+
+
+@dataclass(frozen=True)
+class Confirmation:
+    """What a solver says of an optimum."""
+
+    name: str
+    iterations: int  # over all postures that went through it
+    kkt: float  # largest scaled residual of the optimality conditions
+    agrees: float  # relative difference of σ from what it was given
+    taken: bool = False  # its end is the answer, as it is better
+    q: Array = field(default_factory=lambda: np.zeros(0), repr=False)
+    row_multipliers: Array = field(default_factory=lambda: np.zeros(0), repr=False)
+    bound_multipliers: Array = field(default_factory=lambda: np.zeros(0), repr=False)
+
+    @property
+    def differs(self) -> bool:
+        return not self.agrees <= 1e-6
+
+    @property
+    def refutes(self) -> bool:
+        """Whether the solver left for something visibly different that is not the answer."""
+        return not self.taken and self.agrees > 1e-3  # visible in three digits
+
+    def to_json(self) -> dict[str, Json]:
+        """In the part ``solver`` of a document."""
+        kkt, agrees = finite_or_none(self.kkt), finite_or_none(self.agrees)
+        return {"name": self.name, "iterations": self.iterations, "kkt": kkt, "agrees": agrees}
+
+
+# The same of an answer that the search alone gave.
+UNCONFIRMED_JSON: dict[str, Json] = {"name": "search", "iterations": 0, "kkt": None, "agrees": None}
+
+
+def joined_confirmation(every: Sequence[Confirmation | None]) -> Confirmation | None:
+    """Largest residual and difference over several answers, or None unless all have one."""
+    known = [one for one in every if one is not None]
+    if not known or len(known) < len(every):
+        return None
+    kkt, agrees = (float(np.max([getattr(one, name) for one in known])) for name in ("kkt", "agrees"))
+    return Confirmation(
+        known[0].name, sum(one.iterations for one in known), kkt, agrees, any(one.taken for one in known)
+    )
+
+
+NEAR_ROW_M = 0.02  # distance from its end [m] up to which a row that keeps the arm clear takes part from the beginning
+
+_Rows: TypeAlias = tuple[int, ...]
+
+
+class ConfirmingSolver:
+    """Solves a nonlinear program from postures that are optima, or nearly so."""
+
+    def __init__(self, nlp: Nlp, solver: Solver) -> None:
+        self._nlp, self._solver = nlp, solver
+        self._built: dict[_Rows, Polish] = {}
+
+    def solvable(self, parameters: Array) -> bool:
+        """Whether there are no more equalities than variables, which is what an interior-point method takes."""
+        low, high, row_low, row_high = self._nlp.ends(parameters)
+        return int(np.count_nonzero(row_low == row_high)) <= int(np.count_nonzero(low < high))
+
+    def solve(self, q: Array, parameters: Array, ends: Ends | None = None) -> Outcome:
+        """Where the solver ends from q (n,) [rad or m]; multipliers (m,) and (n,), zero of rows that took no part."""
+        low, high, row_low, row_high = self._nlp.ends(parameters) if ends is None else ends
+        chosen = self._beyond(q, parameters, row_low + NEAR_ROW_M, row_high - NEAR_ROW_M)
+        chosen |= {k for k, row in enumerate(self._nlp.rows) if not row.convex}
+        while True:
+            rows = tuple(sorted(chosen))
+            kept = np.array(rows, dtype=int)
+            found = self._polish(rows)(q, parameters, (low, high, row_low[kept], row_high[kept]))
+            missed = self._beyond(found.x, parameters, row_low - ROW_TOLERANCE, row_high + ROW_TOLERANCE) - chosen
+            if not missed:
+                break
+            chosen |= missed
+        multipliers = np.zeros(len(self._nlp.rows))
+        multipliers[kept] = found.row_multipliers
+        return replace(found, row_multipliers=multipliers)
+
+    def _beyond(self, q: Array, parameters: Array, low: Array, high: Array) -> set[int]:
+        """The rows whose values are outside of (m,) ends."""
+        if not any(row.convex for row in self._nlp.rows):
+            return set()
+        value = self._nlp.row_values.one(q, parameters)
+        return {int(k) for k in np.flatnonzero((value < low) | (value > high))}
+
+    def _polish(self, rows: _Rows) -> Polish:
+        if rows not in self._built:
+            whole = len(rows) == len(self._nlp.rows)
+            nlp = self._nlp if whole else self._nlp.with_rows(rows)
+            self._built[rows] = self._solver.build(nlp, confirms=True)
+        return self._built[rows]

@@ -10,56 +10,51 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
 from posture_opt.collision.contacts import Contacts
-from posture_opt.model.compiled import BatchFunction
-from posture_opt.model.row_loop import RowLoop
+from posture_opt.model.compiled import BatchFunction, RowLoop
 from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.selection.program.nlp import Nlp
-from posture_opt.selection.search.derivatives import Derivatives
 from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE
-from posture_opt.selection.search.local_search_loop import (
+from posture_opt.selection.search.local_search_c import LOOP_TEXT
+from posture_opt.selection.search.quadratic_model import (
+    INFINITE_BOUND,
     LARGER,
+    LEAST_CHANGE,
     LONGEST_STEP,
-    LOOP_TEXT,
     MAX_IDLE_STEPS,
     MAX_MULTIPLIER,
     MERIT_TOLERANCE,
-    MET,
+    MOST_VIOLATION,
     SMALLER,
     SMALLEST_RADIUS,
-    STANDSTILL_STEP,
-    VIOLATION_ALLOWANCE,
+    VIOLATION_PRICE,
+    Curved,
+    QuadraticModel,
+    merit,
 )
-from posture_opt.selection.search.quadratic_model import INFINITE_BOUND, Curved, QuadraticModel, merit
 
+MET = 1e-9  # m, rad or 1: violation of a row at an optimum, as IPOPT is asked for
+
+# What the loop receives of contacts where there are none.
 _NOTHING_APART: tuple[int | float | Array, ...] = (0, 0, *[np.zeros(1)] * 5, 0.0)
-"""What the loop receives of contacts where there are none."""
 
 
 @dataclass(frozen=True)
 class LocalOptima:
-    """Where N local searches ended, or were stopped.
+    """Where N local searches ended, or were stopped."""
 
-    Args:
-        q: (N, n) postures [rad or m].
-        state: (N, m + n + 1) multipliers of rows and bounds, and the radius, to go on from.
-        objective: (N,); violation: (N,) the largest of a row; stationarity: (N,) residual of the first-order
-            conditions.
-        gain: (N,) what the next step promises of the objective, large where the quadratic model says nothing.
-        optimal: (N,) whether first-order conditions hold within the tolerances.
-    """
-
-    q: Array
-    state: Array
-    objective: Array
-    violation: Array
-    stationarity: Array
-    gain: Array
-    optimal: Mask
+    q: Array  # (N, n) [rad or m]
+    state: Array  # (N, m + n + 1) multipliers and radius, to go on from
+    objective: Array  # (N,)
+    violation: Array  # (N,) the largest of a row
+    stationarity: Array  # (N,) residual of the first-order conditions
+    gain: Array  # (N,) promised by the next step, large where the model says nothing
+    optimal: Mask  # (N,)
 
     @property
     def excess(self) -> Array:
@@ -72,25 +67,10 @@ class LocalOptima:
 
 
 class LocalSearch:
-    """The local search of one nonlinear program: Newton's step, a step back onto the target, and shortening by the
-    merit.
-
-    Args:
-        nlp: n variables, m rows.
-        contacts: what an arm of these variables keeps apart too; compiled, or left out.
-        restore: ``(x, request) -> (next x, error)`` brings a point back onto its target, as a step of the inverse
-            kinematics does.
-        tolerance: of stationarity, at an optimum.
-        compiled: None compiles where a C compiler is found; False never; True or an error.
-    """
+    """The local search of one program: Newton's step, a step ``restore`` back onto the target, and the merit."""
 
     def __init__(
-        self,
-        nlp: Nlp,
-        restore: ca.Function,
-        tolerance: float,
-        compiled: bool | None,
-        contacts: Contacts | None = None,
+        self, nlp: Nlp, restore: ca.Function, tolerance: float, compiled: bool | None, contacts: Contacts | None = None
     ) -> None:
         self._nlp, self._restore, self._tolerance = nlp, restore, tolerance
         self._functions = Derivatives.of(nlp)
@@ -104,15 +84,9 @@ class LocalSearch:
     def descend(
         self, Q: Array, parameters: Array, request: Array, steps: int, state: Array | None = None
     ) -> LocalOptima:
-        """At most ``steps`` steps from each posture of Q (N, n).
+        """At most ``steps`` steps from each posture of Q (N, n); ``state`` (N, m + n + 1) of an earlier call goes on.
 
-        A step is taken where the augmented Lagrangian does not grow beyond its rounding, else tried again within a
-        radius smaller by `SMALLER`; what has not moved for `MAX_IDLE_STEPS` steps ends where it is.
-
-        Args:
-            parameters: (p,) or (N, p) of the target.
-            request: (1, w) or (N, w) what the inverse kinematics holds: the whole region, the whole cone.
-            state: (N, m + n + 1) of an earlier call, to go on from.
+        A step is taken where the augmented Lagrangian does not grow, else tried within a radius smaller by `SMALLER`.
         """
         if state is None:
             contacts = 0 if self._contacts is None else self._contacts.rows
@@ -141,18 +115,12 @@ class LocalSearch:
 
     @cached_property
     def _batches(self) -> tuple[BatchFunction, ...]:
-        """Values, slopes, curvature and the step back onto the target for many rows, interpreted."""
         return tuple(BatchFunction(function, compiled=False) for function in (*self._functions, self._restore))
 
     def _run_interpreted(
         self, q: Array, state: Array, parameters: Array, request: Array, steps: int, result: Array
     ) -> None:
-        """The same loop without a compiler, one trial of all rows at a time; the answers agree to rounding.
-
-        Args:
-            q: (N, n), ``state`` (N, m + n + 1) and ``result`` (N, 5) are overwritten: objective, violation,
-                stationarity, gain, steps.
-        """
+        """The loop in NumPy; q (N, n), state (N, m + n + 1) and result (N, 5) are overwritten."""
         values = self._batches[0]
         rows, still, y, radius = np.arange(len(q)), np.zeros(len(q), dtype=int), state[:, :-1], state[:, -1]
         here = [np.array(part) for part in values(q, parameters)]
@@ -173,7 +141,7 @@ class LocalSearch:
                 for part, new in zip(here, there, strict=True):
                     part[yes] = new[better]
             radius[rows[taken]] = np.minimum(LARGER * radius[rows[taken]], LONGEST_STEP)
-            moved = np.max(np.abs(q[rows] - before), axis=1) > STANDSTILL_STEP
+            moved = np.max(np.abs(q[rows] - before), axis=1) > LEAST_CHANGE
             still[rows] = np.where(moved, 0, still[rows] + 1)
             rows = rows[taken & (still[rows] < MAX_IDLE_STEPS)]
             if not len(rows):
@@ -191,7 +159,7 @@ class LocalSearch:
         return Curved(model, hessian(q, parameters, weights).reshape(len(q), q.shape[1], q.shape[1]))
 
     def _trial(self, q: Array, curved: Curved, radius: Array, request: Array) -> tuple[Array, Array, Array]:
-        """Where steps within a radius (N,) lead to (N, n), how long they are (N,) and the next multipliers."""
+        """Ends (N, n) of steps within a radius (N,), their lengths (N,) and the next multipliers."""
         lower, upper = self._nlp.variable_bounds
         step, following = curved.advanced(radius)
         trial, _ = self._batches[3](np.clip(q + step, lower, upper), request)
@@ -199,7 +167,7 @@ class LocalSearch:
 
 
 def _reported(curved: Curved, objective: Array, result: Array, rows: Codes, tolerance: float) -> Mask:
-    """Which points are optimal; what is known of all of them is written to the rows of ``result``."""
+    """Mask of optimal points; results of all are written to the rows of ``result``."""
     model = curved.model
     beyond = np.maximum(model.low - model.value, model.value - model.high)[:, : model.m]
     violation, stationarity = np.max(beyond, axis=1, initial=0.0), model.stationarity
@@ -209,13 +177,43 @@ def _reported(curved: Curved, objective: Array, result: Array, rows: Codes, tole
 
 
 def _no_worse(here: list[Array], there: Sequence[Array], y: Array, violation: Array) -> Mask:
-    """Which steps, to values ``there``, leave the merit with the next multipliers as it is or less."""
+    """Steps to values ``there`` after which the merit with the next multipliers has not grown."""
     m = here[1].shape[1]
     before, after = (merit(f[:, 0], g, low, high, y[:, :m]) for f, g, low, high in (here, there))
-    price, most = VIOLATION_ALLOWANCE
-    return np.asarray(after <= before + MERIT_TOLERANCE * np.fmax(1, np.abs(before)) + np.fmin(price * violation, most))
+    return np.asarray(
+        after
+        <= before + MERIT_TOLERANCE * np.fmax(1, np.abs(before)) + np.fmin(VIOLATION_PRICE * violation, MOST_VIOLATION)
+    )
 
 
 def _of(array: Array, rows: Codes) -> Array:
-    """The rows of an array that has one for each, or one for all."""
     return array[rows] if len(array) > 1 else array
+
+
+class Derivatives(NamedTuple):
+    """Functions of variables x (n,) and parameters p of a program with m rows; values are a tenth of the work."""
+
+    values: ca.Function  # (x, p) -> objective, rows (m,), their lower and upper ends (m,), finite
+    slopes: ca.Function  # (x, p) -> gradient (n,), Jacobian (m, n)
+    curvature: ca.Function  # (x, p, λ (m,)) -> Hessian (n, n) of the objective and λ times the rows
+
+    @classmethod
+    def of(cls, nlp: Nlp) -> Derivatives:
+        x, p, m = nlp.x, nlp.p, len(nlp.rows)
+        # Before differentiation: what is alike in a program is alike in its derivatives, which are ten times as long.
+        f, g = ca.cse([nlp.objective, nlp.g])
+        low, high = nlp.row_ends
+        ends = ca.fmax(low, -INFINITE_BOUND), ca.fmin(high, INFINITE_BOUND)
+        weights = ca.SX.sym("weights", m)
+        slopes = ca.gradient(f, x), ca.jacobian(g, x)
+        hessian = ca.hessian(f + ca.dot(weights, g), x)[0]
+        return cls(
+            ca.Function("values", [x, p], _dense(f, g, *ends)),
+            ca.Function("slopes", [x, p], _dense(*slopes)),
+            ca.Function("curvature", [x, p, weights], _dense(hessian)),
+        )
+
+
+def _dense(*outputs: ca.SX) -> list[ca.SX]:
+    """Expressions as outputs of a function, structural zeros included."""
+    return [ca.densify(ca.SX(output)) for output in outputs]

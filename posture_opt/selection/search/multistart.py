@@ -1,55 +1,47 @@
-"""Global search: feasible first, then local searches from many starts.
+"""Global search: feasible starts, local searches from many of them, until the best optimum was found again and again.
 
 What is found is locally optimal. How likely something better was missed is estimated from how often each optimum was
-found (`MultistartResult.unseen_better`), and held against brute force in the tests.
+found (`MultistartResult.unseen_better`), and held against brute force in the tests. Agreement of independent batches
+stops the search for an answer, agreement of local searches that of a repeated solve.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 
-from posture_opt.numerics import Array, Codes
+from posture_opt.numerics import TURN, Array, Codes, Progress
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.program.task_target import TaskTarget
-from posture_opt.selection.search.clusters import clusters
-from posture_opt.selection.search.engine import STEPS, CandidatePosture, Engine, median
+from posture_opt.selection.search.engine import STEPS, CandidatePosture, Engine, clusters, median
 from posture_opt.selection.search.inverse_kinematics import PATIENT_STEPS, ROW_TOLERANCE, TOLERANCE
 from posture_opt.selection.search.inverse_kinematics import STEPS as IK_STEPS
 from posture_opt.selection.search.local_search import LocalOptima
+from posture_opt.workers import Part, opened
 
-STARTS_PER_ARRIVAL = 2  # random postures for each start wanted at first: of a Panda's two in three arrive
 SCREENING_STEPS = (4, 4, 4, 4, 8)  # of the local search, after each of which those are given up that promise nothing
-PROMISED_GAIN_FACTOR = 2.0  # times the gain of a quadratic model: what a start may still gain
-MAX_DISTINCT_OPTIMA = 12  # local optima that a repeated solve keeps: a 6R wrist has eight branches (Pieper 1968)
-OPTIMUM_TOLERANCE = 1e-4  # of the objective
 MAX_TRIALS_PER_START = 80  # random postures for each start wanted at most: then the target counts as out of reach
-ELASTIC_STARTS = 8  # best ends of searches, from which the requirements are asked to give as little as they can
 RETRY_FACTORS = (1, 4, 16)  # times the starts, where answers meet the target but not the further requirements
 
 
 @dataclass(frozen=True)
 class Sampled:
-    """Feasible postures Q (k, n) [rad or m] that random starts led to, with their σ_max (k,) [m].
-
-    They are what a posture without any selection would be like: the gain over a typical posture is against their
-    median.
-    """
+    """Feasible postures that random starts led to: what a posture without any selection is like."""
 
     robot: Robot = field(repr=False)
-    Q: Array = field(repr=False)
-    sigma: Array = field(repr=False)
+    Q: Array = field(repr=False)  # (k, n) [rad or m]
+    sigma: Array = field(repr=False)  # (k,) σ_max [m]
 
     @classmethod
     def none(cls, robot: Robot) -> Sampled:
-        """No posture at all."""
         return cls(robot, np.zeros((0, robot.n)), np.zeros(0))
 
     def joined(self, other: Sampled) -> Sampled:
-        """The postures of both, in this order."""
         return Sampled(self.robot, np.vstack([self.Q, other.Q]), np.concatenate([self.sigma, other.sigma]))
 
     @cached_property
@@ -67,26 +59,16 @@ class Sampled:
 
 @dataclass(frozen=True)
 class MultistartResult:
-    """What a global search found.
+    """What a global search found."""
 
-    Args:
-        target: with the scale that the objectives are divided by.
-        found: where the local searches ended, best first; feasible before infeasible.
-        sampled: the starts that met every requirement before they were improved.
-        arrived: how many starts met target and tool axis.
-        tried: random postures that were led towards the target.
-        polished: number of local searches.
-        batches: number of independent batches of starts; ``recurred`` of them found the best optimum.
-    """
-
-    target: TaskTarget
-    found: tuple[CandidatePosture, ...]
-    sampled: Sampled
-    arrived: int
-    tried: int
-    polished: int
-    batches: int = 1
-    recurred: int = 1
+    target: TaskTarget  # with the scale of the objectives
+    found: tuple[CandidatePosture, ...]  # ends of local searches, best first
+    sampled: Sampled  # starts that met every requirement
+    arrived: int  # starts on target and tool axis
+    tried: int  # random postures
+    polished: int  # local searches
+    batches: int = 1  # independent
+    recurred: int = 1  # of them found the best optimum
 
     @property
     def hits(self) -> int:
@@ -96,10 +78,8 @@ class MultistartResult:
 
     @property
     def unseen_better(self) -> float:
-        """About the probability that one more start leads to an optimum not seen yet that is better than all.
-
-        The share of starts that lead to unseen optima is about that of optima seen once (Good 1953, eq. 9); any rank of
-        a new one among the others is as likely. Optima of one value count as one.
+        """About the probability that one more start finds a better optimum: the share of optima seen once (Good 1953,
+        eq. 9), any rank of a new one being as likely.
         """
         groups: list[list[CandidatePosture]] = []
         for candidate in self.found:
@@ -111,13 +91,13 @@ class MultistartResult:
         return singles / max(self.polished, 1) / (len(groups) + 1)
 
     def with_known(self, engine: Engine, q: Array) -> MultistartResult:
-        """The same search and the local optimum that a known posture (n,) [rad or m] leads to."""
+        """The search with the local optimum of a known posture (n,) [rad or m]."""
         own = engine.polished(engine.candidates(q[None], self.target)[0], self.target)
         alone = MultistartResult(self.target, (own,), Sampled.none(engine.robot), 0, 0, 1)
         return replace(self.joined(alone, engine), batches=self.batches, recurred=self.recurred)
 
     def joined(self, other: MultistartResult, engine: Engine) -> MultistartResult:
-        """Both searches as one; they have the same target and scale, and equal optima are merged with their counts."""
+        """Two searches at one target and scale as one; equal optima are merged with their counts."""
         sampled = self.sampled.joined(other.sampled)
         both = sorted((*self.found, *other.found), key=rank)
         chosen, count = engine.clusters(np.array([c.q for c in both]), np.array([c.count for c in both]))
@@ -129,14 +109,9 @@ class MultistartResult:
 def feasible_starts(
     engine: Engine, target: TaskTarget, count: int, rng: np.random.Generator, trials: int = MAX_TRIALS_PER_START
 ) -> tuple[Array, int]:
-    """About ``count`` postures (k, n) on the target, and how many random ones that took.
-
-    Fewer mean that the effort, a multiple of ``count``, was used up; an empty array, that thousands of restarts found
-    none. Target and tool axis are met; further requirements are not looked at. ``trials`` is how many random postures
-    each of ``count`` is worth at most.
-    """
+    """About ``count`` postures (k, n) with target and tool axis met, and how many random ones that took."""
     tried, arrived = 0, np.zeros((0, engine.robot.n))
-    size = STARTS_PER_ARRIVAL * count
+    size = 2 * count  # of a Panda's random postures two in three arrive
     while len(arrived) < count and tried < trials * count:
         # Points of a region are drawn at first; where none of them is reached, any point of it will do.
         none_yet = tried > 0 and not len(arrived)
@@ -153,15 +128,10 @@ def feasible_starts(
 def multistart(
     engine: Engine, target: TaskTarget, rng: np.random.Generator, starts: int, *, every: bool = False
 ) -> MultistartResult:
-    """Feasible starts, and the local optima that they lead to; all of these with ``every``, else what may be the best.
+    """Feasible starts and their local optima: with ``every`` all, else what may be the best.
 
-    Starts meet target and tool axis. Where no answer meets the further requirements, many more are tried: 4, then 16
-    times as many, unless the elastic problem shows first that they cannot be met; with exact distances, starts cost
-    less than to build it.
-
-    Args:
-        starts: postures on the target that are wanted.
-        every: follow each search to its end: for alternatives and for statistics.
+    Where none meets the further requirements 4, then 16 times as many are tried, unless the elastic problem shows first
+    that they cannot be met.
     """
     found = MultistartResult(target, (), Sampled.none(engine.robot), 0, 0, 0)
     if engine.optimisation_problem.reach.excludes(target.lower, target.upper):
@@ -177,12 +147,7 @@ def multistart(
 
 
 def _can_be_met(engine: Engine, found: MultistartResult) -> bool:
-    """Whether the further requirements can be met, with target and tool axis, from where the best searches ended.
-
-    Interior-point steps with requirements that may give find a way where thousands of restarts do not, and show within
-    a tenth of a second that there is none.
-    """
-    starts = np.array([candidate.q for candidate in found.found[:ELASTIC_STARTS]])
+    starts = np.array([candidate.q for candidate in found.found[:8]])
     least = engine.elastic.least(found.target.parameters, engine.elastic.further, starts)
     return least is not None and least.met
 
@@ -190,7 +155,6 @@ def _can_be_met(engine: Engine, found: MultistartResult) -> bool:
 def _multistart_once(
     engine: Engine, target: TaskTarget, rng: np.random.Generator, starts: int, every: bool
 ) -> MultistartResult:
-    """One search of that many starts."""
     Q, tried = feasible_starts(engine, target, starts, rng)
     if not len(Q):
         return MultistartResult(target, (), Sampled.none(engine.robot), 0, tried, 0)
@@ -200,11 +164,7 @@ def _multistart_once(
 
 
 def local_optima(engine: Engine, target: TaskTarget, Q: Array, *, every: bool = False) -> tuple[CandidatePosture, ...]:
-    """The distinct local optima that postures Q (N, n) on a target with its scale lead to, best first.
-
-    All of them with ``every``, else those that may be the best. After `SCREENING_STEPS` steps, searches that promise
-    nothing are given up and searches that have met are followed once.
-    """
+    """Distinct local optima from Q (N, n), best first; without ``every`` only possible best ones."""
     size = np.ones(len(Q), dtype=int)
     optima, size = _merged(engine, engine.descended(Q, target, SCREENING_STEPS[0]), size, every)
     for steps in (*SCREENING_STEPS[1:], STEPS):
@@ -212,16 +172,12 @@ def local_optima(engine: Engine, target: TaskTarget, Q: Array, *, every: bool = 
             break
         optima = engine.descended(optima.q, target, steps, optima.state)
         optima, size = _merged(engine, optima, size, every or steps == STEPS)
-    most = slice(None if every else MAX_DISTINCT_OPTIMA)
+    most = slice(None if every else 12)  # a 6R wrist has eight branches (Pieper 1968)
     return tuple(sorted(engine.settled(optima.rows(most), target, size[most], helped=every), key=rank))
 
 
 def _merged(engine: Engine, optima: LocalOptima, size: Codes, every: bool) -> tuple[LocalOptima, Codes]:
-    """Those of some searches that differ, best first, all of them or what is promising; and how many searches each is.
-
-    Args:
-        size: (N,) how many searches each of the given ones is.
-    """
+    """Distinct searches, best first, and how many each stands for; ``size`` (N,) of the given ones."""
     order = _best_first(optima) if every else _promising(optima)
     nearest, size = engine.clusters(optima.q[order], size[order])
     return optima.rows(order[nearest]), size
@@ -229,7 +185,7 @@ def _merged(engine: Engine, optima: LocalOptima, size: Codes, every: bool) -> tu
 
 def as_good(best: float) -> float:
     """The objective up to which an optimum counts as the best one: by the rounding of the criteria."""
-    return best + OPTIMUM_TOLERANCE * max(abs(best), 1e-9)
+    return best + 1e-4 * max(abs(best), 1e-9)
 
 
 def _best_first(optima: LocalOptima) -> Codes:
@@ -238,16 +194,16 @@ def _best_first(optima: LocalOptima) -> Codes:
 
 
 def _promising(optima: LocalOptima) -> Codes:
-    """Those of some searches that may still get below the best one, by what Newton's model promises; best first."""
     met = optima.excess == 0
     limit = as_good(np.min(optima.objective[met])) if np.any(met) else np.inf
     order = _best_first(optima)
-    hope = optima.objective - PROMISED_GAIN_FACTOR * np.maximum(optima.gain, 0.0)
+    # A start may gain twice what its quadratic model promises
+    hope = optima.objective - 2.0 * np.maximum(optima.gain, 0.0)
     return np.asarray(order[(hope <= limit)[order]])
 
 
 def screened(engine: Engine, target: TaskTarget, Q: Array) -> tuple[TaskTarget, Sampled]:
-    """The target with a scale, the postures' median variance where it has none, and those that meet every row."""
+    """The target, scaled by the postures' median variance by default, and the postures that meet every row."""
     _, violation, own, variance = (column[:, 0] for column in engine.screen(Q, target.parameters))
     if target.scale == 1.0:
         target = replace(target, scale=engine.scale_of(own))
@@ -256,19 +212,154 @@ def screened(engine: Engine, target: TaskTarget, Q: Array) -> tuple[TaskTarget, 
 
 
 def rank(candidate: CandidatePosture) -> tuple[bool, float, bool, float]:
-    """Sorting key: feasible ones by objective, then infeasible ones by violation.
-
-    Objectives that agree to the sixth digit count as equal: then an optimum goes before a point that is none, and the
-    posture nearer to the zero posture before the others, so that equal runs give equal answers.
-    """
+    """Sorting key: feasible by objective (six digits, optima first, then near zero), others by violation."""
     # Equal to the sixth digit is equal: the solver's word decides, then the posture nearer to the zero posture.
     key = round(candidate.objective, 6) if candidate.feasible else candidate.violation
     return (not candidate.feasible, key, not candidate.optimal, float(candidate.q @ candidate.q))
 
 
 def distinct(Q: Array, robot: Robot) -> list[int]:
-    """Indices of the rows of Q (k, n) that differ from every earlier one by more than 5° or 10 mm in a joint.
-
-    Whole turns of a joint make no difference.
-    """
+    """Rows of Q (k, n) more than 5° or 10 mm in a joint from every earlier one, whole turns taken off."""
     return [int(k) for k in clusters(Q, robot)[0]]
+
+
+S = TypeVar("S")
+R = TypeVar("R")
+
+MAX_BATCHES = 12  # batches
+
+
+def usual_starts(engine: Engine) -> int:
+    """Starts of one batch: more where target and tool axis leave more freedom, and so more local optima."""
+    return min(32 * max(engine.searched.freedom - 1, 1), 128)
+
+
+def until_found_often(
+    engine: Engine, target: TaskTarget, rng: np.random.Generator, starts: int | None = None
+) -> MultistartResult:
+    """Starts until four searches agree on the best and one more finds a better one with less than 1 %."""
+    whole = multistart(engine, target, rng, starts or usual_starts(engine))
+    for _ in range(1, 1 if starts else 6):
+        if not any(c.feasible for c in whole.found) or (whole.hits >= 4 and whole.unseen_better <= 0.01):
+            break
+        whole = whole.joined(multistart(engine, whole.target, rng, usual_starts(engine)), engine)
+    if not whole.found or not whole.found[0].feasible:
+        return whole
+    best = engine.confirmed(whole.found[0], whole.target)
+    return whole if best is whole.found[0] else replace(whole, found=tuple(sorted((best, *whole.found[1:]), key=rank)))
+
+
+def until_recurrence(
+    engine: Engine,
+    target: TaskTarget,
+    seed: int,
+    starts: int | None = None,
+    workers: int = 1,
+    progress: Progress | None = None,
+) -> MultistartResult:
+    """Independent batches, seeded by their number, until two (or six, where evidence is thin) found the best optimum.
+
+    Their agreement is evidence that a share of the starts cannot give: starts of one batch are screened against each
+    other.
+    """
+    starts = starts or usual_starts(engine)
+    whole = multistart(engine, target, np.random.default_rng([seed, 0]), starts, every=True)
+    if not any(candidate.feasible for candidate in whole.found):
+        return whole  # requirements that cannot be met are not met by more starts either
+    values = [_best(whole)]
+    shared = engine, whole.target, seed, starts
+    for batch in independent_batches(_batch, shared, range(1, MAX_BATCHES), workers):
+        whole = whole.joined(batch, engine)
+        values.append(_best(batch))
+        if progress is not None:
+            progress(len(values), MAX_BATCHES)
+        if recurrences(values, as_good) >= _batches_wanted(whole):
+            break
+    return replace(whole, batches=len(values), recurred=recurrences(values, as_good))
+
+
+def _batches_wanted(whole: MultistartResult) -> int:
+    expected = whole.unseen_better * whole.polished
+    # An optimum as easy to find as six agreeing searches is missed once in e⁶ = 400
+    sure = whole.hits >= 6 and expected <= 0.05
+    return 2 if sure else 6
+
+
+def recurrences(values: Sequence[float], limit: Callable[[float], float]) -> int:
+    """How many of the batches' best objectives (infinite: nothing feasible) are within ``limit`` of the least."""
+    best = min(values)
+    return sum(value <= limit(best) for value in values) if np.isfinite(best) else 0
+
+
+def independent_batches(part: Part[S, int, R], shared: S, numbers: range, workers: int) -> Iterator[R]:
+    """``part(shared, k)`` of the batches k in their order, as many at a time as there are workers."""
+    with opened(workers) as pool:
+        for first in range(numbers.start, numbers.stop, workers):
+            yield from pool.in_order(part, shared, range(first, min(first + workers, numbers.stop)))
+
+
+def _best(found: MultistartResult) -> float:
+    """The objective of the best feasible posture of a batch; infinite where there is none."""
+    feasible = [candidate.objective for candidate in found.found if candidate.feasible]
+    return min(feasible, default=float("inf"))
+
+
+def _batch(shared: tuple[Engine, TaskTarget, int, int], k: int) -> MultistartResult:
+    engine, target, seed, starts = shared
+    return multistart(engine, target, np.random.default_rng([seed, k]), starts)
+
+
+# Random postures for each start in ranges that may be left: two rounds, the second a patient one. Of 760 targets that
+# arms of 6 and 7 joints meet within ranges drawn at random, most near a corner of them, all are found, as with the 80.
+_PREFERRED_TRIALS = 16
+
+
+def screened_search(
+    engine: Engine, target: TaskTarget, rng: np.random.Generator, *, preferred: bool = False
+) -> MultistartResult | None:
+    """The optima that the best of many feasible postures lead to; nothing found where none reaches the target.
+
+    None: unmet requirements, a problem that the solver does not take, or no optimum. ``preferred``: wider joint ranges
+    are searched where nothing is found.
+    """
+    starts = usual_starts(engine)
+    Q, tried = feasible_starts(engine, target, starts, rng, _PREFERRED_TRIALS if preferred else MAX_TRIALS_PER_START)
+    if not len(Q):
+        return MultistartResult(target, (), Sampled.none(engine.robot), 0, tried, 0)
+    if not engine.confirming.solvable(target.parameters):
+        return None
+    # Eight postures compared for each local search of a batch
+    more, further = feasible_starts(engine, target, 7 * starts, rng)
+    Q, tried = np.vstack([Q, more]), tried + further
+    target, sampled = screened(engine, target, Q)
+    chosen = _local_minima(engine, sorted(engine.candidates(sampled.Q, target), key=rank))
+    ends = sorted(engine.tidied([_improved(engine, start, target) for start in chosen], target), key=rank)
+    if not ends or not (ends[0].optimal and ends[0].feasible):
+        return None
+    first, count = engine.clusters(np.array([end.q for end in ends]))
+    found = tuple(replace(ends[k], count=int(n)) for k, n in zip(first, count, strict=True))
+    return MultistartResult(target, found, sampled, len(Q), tried, len(ends))
+
+
+def _local_minima(engine: Engine, best_first: list[CandidatePosture]) -> list[CandidatePosture]:
+    joints = [k for k in range(engine.robot.n) if k not in engine.indifferent]
+    turn = np.array([TURN if engine.robot.joints[k].type == "revolute" else 0.0 for k in joints])
+    Q = np.array([candidate.q[joints] for candidate in best_first])
+    chosen: list[CandidatePosture] = []
+    for k, candidate in enumerate(best_first):
+        apart = Q[:k] - Q[k]
+        apart = np.abs(apart - turn * np.rint(apart / TURN))
+        # 0.35 rad or m in each joint leads to the same optimum
+        if not np.any(np.max(apart, axis=1, initial=0.0) < 0.35):
+            chosen.append(candidate)
+        if len(chosen) == 12:  # a 6R wrist has eight branches (Pieper 1968)
+            break
+    return chosen
+
+
+def _improved(engine: Engine, start: CandidatePosture, target: TaskTarget) -> CandidatePosture:
+    outcome = engine.confirming.solve(start.q, target.parameters)
+    if not np.all(np.isfinite(outcome.x)):
+        return start
+    end = engine.candidates(outcome.x[None], target)[0]
+    return replace(end, optimal=outcome.optimal, message=outcome.message) if end.feasible else start

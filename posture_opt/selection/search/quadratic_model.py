@@ -21,54 +21,50 @@ import numpy as np
 
 from posture_opt.numerics import Array, Codes, Mask
 
+# What the loops in C and in NumPy agree on: `local_search_c` takes them as macros of these names.
 PENALTY = 1e3  # of a squared row in the merit, in units of the objective (about 1)
 WORKING_SET_TOLERANCE = 1e-8  # rad or m: a row or bound that is violated by more belongs to the working set
-JOINED_MULTIPLIER = 1e-12  # the multiplier of what has just joined, until the next step says how large it is,
-STAYING_MULTIPLIER = 5e-13  # and of what would leave right after it has joined: it would be met again at once
-LEAST_CHANGE = 1e-12  # a change below it meets nothing
+JOINED_MULTIPLIER = 1e-12  # of what has just joined; half of it where it would leave at once, to be met again
+LEAST_CHANGE = 1e-12  # rad, m or of a row: a smaller change is none
 DEPENDENT_ROW_TOLERANCE = 1e-10  # of a row's own square: rows that repeat others, or more rows than joints
 FLAT_CURVATURE = 1e-8  # of the largest curvature: below it a direction changes nothing, above its rounding
 TINY_CURVATURE = 1e-12  # in place of the largest curvature where there is none
 MAX_SHIFTS = 50  # Newton steps for the shift of the eigenvalues: some five are usual
 RADIUS_TOLERANCE = 1e-6  # of the radius: how near a step comes to it
 INFINITE_BOUND = 1e6  # instead of infinity, which makes NaN of zero
-
-
-Known = Array | tuple[Array, ...]
-"""What is kept of N models: (N, …), or several of them."""
+LONGEST_STEP = 0.5  # rad or m: the quadratic model of a rotation means nothing beyond
+SMALLER, LARGER = 0.25, 4.0  # the next radius, after a step that made the merit worse and after one taken
+MERIT_TOLERANCE = 1e-7  # of the merit: its rounding
+VIOLATION_PRICE, MOST_VIOLATION = 100.0, 1e-5  # of the merit for each m or rad, and at most: last digits of rows
+MAX_IDLE_STEPS = 2  # without motion, the multipliers settled: where rows cannot be met, say
+SMALLEST_RADIUS = 1e-5  # rad or m: what is no better within it stays where it is
+MAX_MULTIPLIER = 1e3  # in the Hessian: where rows nearly depend on each other, estimates are anything
 
 
 @dataclass(frozen=True)
 class QuadraticModel:
-    """N models of n variables under m rows and n bounds, the rows first.
+    """N models of n variables under m rows and n bounds, the rows first."""
 
-    Args:
-        value: (N, m + n) rows and variables; low, high: (N, m + n) their ends, finite.
-        y: (N, m + n) multipliers, positive at upper ends, zero outside of the working set; all of them zero at first.
-        slope: (N, n) of the objective; A: (N, m, n) of the rows.
-    """
-
-    value: Array
-    low: Array
+    value: Array  # (N, m + n) rows and variables
+    low: Array  # (N, m + n) finite, as ``high``
     high: Array
-    y: Array
-    slope: Array
-    A: Array
+    y: Array  # (N, m + n) multipliers, positive at upper ends, zero outside of the working set
+    slope: Array  # (N, n) of the objective
+    A: Array  # (N, m, n) of the rows
 
     def at(self, rows: Codes | Mask) -> Self:
-        """The models of some of the points, with all that is known of them."""
+        """Models of some points, with their cached quantities."""
         some = type(self)(*(getattr(self, field.name)[rows] for field in fields(self)))
         some.__dict__.update(_of_rows(self.__dict__, rows))
         return some
 
     @property
     def m(self) -> int:
-        """Rows."""
         return int(self.A.shape[1])
 
     @cached_property
     def equal(self) -> Mask:
-        """(N, m + n) whether both ends are the same."""
+        """(N, m + n) equalities."""
         return np.asarray(self.low == self.high)
 
     @cached_property
@@ -88,10 +84,7 @@ class QuadraticModel:
 
     @cached_property
     def _orthonormal(self) -> tuple[Array, Array]:
-        """Q (N, m, n) and L (N, m, m) with ``A = L Q`` for the rows of the working set, held variables left out.
-
-        A row that depends on those before it has a zero pivot and a zero row in Q.
-        """
+        """Q (N, m, n), L (N, m, m): ``A = L Q`` of the working set; a dependent row has zero pivot and row."""
         held, rows = self.working[:, None, self.m :], self.working[:, : self.m, None]
         Q = np.where(rows & ~held, self.A, 0.0)
         L = np.zeros((len(Q), self.m, self.m))
@@ -148,7 +141,7 @@ class QuadraticModel:
 
     @cached_property
     def projector(self) -> Array:
-        """(N, n, n) onto the directions that keep the rows of the working set and what is held."""
+        """(N, n, n) onto directions along the working set's rows and bounds."""
         Q, _ = self._orthonormal
         free = ~self.working[:, self.m :]
         return np.asarray(np.einsum("kj,jl->kjl", free, np.eye(free.shape[1])) - np.einsum("kij,kil->kjl", Q, Q))
@@ -156,25 +149,20 @@ class QuadraticModel:
 
 @dataclass(frozen=True)
 class Curved:
-    """The models with their Hessians.
-
-    Args:
-        model: N models.
-        H: (N, n, n) Hessians of the Lagrangian.
-    """
+    """N models with their Hessians of the Lagrangian (N, n, n)."""
 
     model: QuadraticModel
     H: Array
 
     def at(self, rows: Codes | Mask) -> Self:
-        """The models of some of the points, with all that is known of them."""
+        """Models of some points, with their cached quantities."""
         some = type(self)(self.model.at(rows), self.H[rows])
         some.__dict__.update(_of_rows({k: v for k, v in self.__dict__.items() if k not in ("model", "H")}, rows))
         return some
 
     @cached_property
     def _axes(self) -> tuple[Array, Array]:
-        """Curvatures (N, n) along unit vectors, the columns of (N, n, n): infinite along those that are not free."""
+        """Curvatures (N, n) along unit vectors, columns of (N, n, n); infinite along held directions."""
         P = self.model.projector
         size = 1 + 2 * np.max(np.sum(np.abs(self.H), axis=2), axis=1)[:, None, None]
         values, axes = np.linalg.eigh(P @ self.H @ P + size * (np.eye(P.shape[1]) - P))
@@ -190,7 +178,7 @@ class Curved:
 
     @cached_property
     def indefinite(self) -> Mask:
-        """(N,) whether the Hessian bends downwards along what is free."""
+        """(N,) negative curvature along a free direction."""
         return np.asarray(np.min(self._axes[0], axis=1) < -self._floor)
 
     def step(self, radius: Array) -> Array:
@@ -213,9 +201,7 @@ class Curved:
         return np.asarray(share * normal - np.einsum("kji,ki->kj", axes, c / (values + shift[:, None])))
 
     def gain(self) -> Array:
-        """(N,) the decrease of the Lagrangian's quadratic model by the whole of Newton's step, infinite where there is
-        none: ``−(∇f + Aᵀλ)·p − pᵀHp/2``.
-        """
+        """(N,) decrease of the quadratic model by Newton's step, ``−(∇f + Aᵀλ)·p − pᵀHp/2``; infinite without one."""
         model, p = self.model, self.step(np.full(len(self.H), np.inf))
         w = model.estimate[:, : model.m]
         slope = model.slope + np.einsum("kij,ki->kj", model.A, w)
@@ -223,12 +209,10 @@ class Curved:
         return np.where(self.indefinite, INFINITE_BOUND, found)
 
     def advanced(self, radius: Array) -> tuple[Array, Array]:
-        """The step (N, n) within a radius (N,) up to what it meets first, and the multipliers (N, m + n) of the next
-        working set; what is met joins with one that is next to zero.
-        """
+        """Step (N, n) within a radius (N,) up to what it meets first, and the next multipliers (N, m + n)."""
         model, p = self.model, self.step(radius)
         y = model.signed(model.multipliers(model.slope + np.einsum("kij,kj->ki", self.H, p)))
-        y = np.where((y == 0) & (np.abs(model.y) == JOINED_MULTIPLIER), np.sign(model.y) * STAYING_MULTIPLIER, y)
+        y = np.where((y == 0) & (np.abs(model.y) == JOINED_MULTIPLIER), np.sign(model.y) * JOINED_MULTIPLIER / 2, y)
         change = np.hstack([np.einsum("kij,kj->ki", model.A, p), p])
         meets = ~model.working & (np.abs(change) > LEAST_CHANGE)
         room = np.where(change > 0, model.high, model.low) - model.value
@@ -251,7 +235,6 @@ def merit(objective: Array, g: Array, low: Array, high: Array, y: Array) -> Arra
 def _of_rows(
     known: Mapping[str, Array | tuple[Array, ...]], rows: Codes | Mask
 ) -> dict[str, Array | tuple[Array, ...]]:
-    """Some rows of arrays, and of tuples of arrays."""
     return {k: tuple(a[rows] for a in v) if isinstance(v, tuple) else v[rows] for k, v in known.items()}
 
 

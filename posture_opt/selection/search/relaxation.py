@@ -1,64 +1,51 @@
-"""``Relaxation``: a change that makes a task possible, and the requirements that are missed without it."""
+"""``Relaxation``: a change that makes a task possible, written first with the digits that are printed, then solved."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from posture_opt.collision.scene import SELF_CLEARANCE_ROW
 from posture_opt.numerics import Array, Json
+from posture_opt.robot.robot import Robot
+from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.program.nlp import Row
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.program.task_target import Reach, TaskTarget
-from posture_opt.selection.search.change import Change
 from posture_opt.selection.search.elastic_problem import AXIS, HELD, LIMITS, TARGET, Compromise, ElasticProblem
+from posture_opt.units import JointQuantity
 
-YAW = "yaw"
-"""The requirement to hold the spin of the tool."""
+YAW = "yaw"  # the requirement to hold the spin of the tool
 VISIBLE_EXCESS = 1e-6  # rad or m beyond a limit that is worth a word
-MAIN_DIRECTION_COSINE = 0.9  # cosine: a move in about that direction
 
 
 @dataclass(frozen=True)
 class Reason:
-    """One requirement that cannot be met.
+    """One requirement that cannot be met."""
 
-    Args:
-        requirement: its name: ``target``, ``tool_axis``, ``JOINT.limits``, or that of a term or obstacle.
-        message: a sentence for reports.
-        amount: by how much it fails, in ``unit``: m, rad, or that of the term.
-    """
-
-    requirement: str
+    requirement: str  # target, tool_axis, JOINT.limits, a term or an obstacle
     message: str
-    amount: float
+    amount: float  # by how much it fails [unit]
     unit: str
 
 
 @dataclass(frozen=True)
 class Relaxation:
-    """A change that makes the task possible: it was made and solved with the digits that are printed.
+    """A change that makes the task possible: it was made and solved with the digits that are printed."""
 
-    Args:
-        change: what to change, in words.
-        reasons: what is missed until then.
-        posture: joint name -> rad or m, which then does the task.
-        cost: compares changes: a move in units of the arm's size, angles in rad, bounds relative to their size.
-        changes: the keys of the problem file with their new values.
-    """
-
-    change: str
-    reasons: tuple[Reason, ...]
-    posture: dict[str, float]
-    cost: float
-    changes: tuple[Change, ...] = ()
+    change: str  # in words
+    reasons: tuple[Reason, ...]  # missed until then
+    posture: dict[str, float]  # joint -> rad or m, which then does the task
+    cost: float  # move in arm sizes, angle in rad, relative bound
+    changes: tuple[Change, ...] = ()  # of keys of the problem file
 
     def to_json(self) -> dict[str, Json]:
-        """Plain numbers, SI; ``set`` maps keys of the problem file to what they would be, null where they would go."""
+        """SI; ``set`` maps keys of the problem file to new values, null for entries to remove."""
         return {
             "change": self.change,
             "reasons": [vars(reason) for reason in self.reasons],
@@ -68,9 +55,6 @@ class Relaxation:
 
 
 def plane_reason(reach: Reach, target: TaskTarget) -> Reason | None:
-    """The reason why an arm that moves in a plane, or on a line, cannot reach a target outside of it; None where it
-    can.
-    """
     if not reach.misses(target.lower, target.upper):
         return None
     distance = float(np.linalg.norm(reach.outside(target.lower, target.upper)))
@@ -80,11 +64,7 @@ def plane_reason(reach: Reach, target: TaskTarget) -> Reason | None:
 
 @dataclass(frozen=True)
 class Reasons:
-    """The reasons that one compromise shows: what is missed at its posture.
-
-    Args:
-        elastic: the problem that the compromise ``way`` solves.
-    """
+    """Requirements missed at the posture of the compromise ``way``."""
 
     problem: OptimisationProblem
     elastic: ElasticProblem
@@ -92,12 +72,11 @@ class Reasons:
     way: Compromise
 
     def of(self, names: Sequence[str]) -> tuple[Reason, ...]:
-        """What is missed of the requirements ``names``, as far as anything is."""
-        lacking = dict(zip(self.elastic.requirements, map(float, self.way.lacking), strict=True))
+        """Reasons of the requirements ``names``, if missed."""
+        lacking = self.way.lacking
         return tuple(reason for name in names if lacking[name] > 0 for reason in self._of_one(name, lacking[name]))
 
     def _of_one(self, name: str, amount: float) -> list[Reason]:
-        """What is missed of a requirement: of limits and held joints, of each joint."""
         if name == TARGET:
             return [self._target()]
         if name == AXIS:
@@ -109,31 +88,25 @@ class Reasons:
         return [self._too_near(name, amount)] if name in self.elastic.in_cell else [self._term(name)]
 
     def _target(self) -> Reason:
-        """How far the nearest point is that the tool reaches."""
         point = np.array(self.problem.tool_point.walk(self.way.q.tolist())[0].position, dtype=float)
         distance = float(np.linalg.norm(np.clip(point, self.target.lower, self.target.upper) - point))
         message = f"the target is out of reach by {_plain(distance * 1e3)} mm{self._condition()}"
         return Reason(TARGET, message, distance, "m")
 
     def _condition(self) -> str:
-        """What holds at the nearest point, in addition to the limits of the joints."""
         axis = ["the tool axis along the direction"] if self.problem.axis_rows else []
         further = [name for name in self.elastic.further if name != SELF_CLEARANCE_ROW]
         conditions = [*axis, *(["all further requirements met"] if further else [])]
         return f" with {' and '.join(conditions)}" if conditions else ""
 
     def _axis(self, missing: float) -> Reason:
-        """The angle that the tool axis comes to."""
         reached, allowed = shown_apart(self.target.tilt + missing, self.target.tilt, "rad")
         axis = ", ".join(f"{v:g}" for v in self.problem.task.tool_axis)
-        message = (
-            f"at this target the tool axis, [{axis}] of the tool frame, comes no closer than {reached} to the "
-            f"direction, and {allowed} are allowed"
-        )
+        nearest = f"comes no closer than {reached} to the direction, and {allowed} are allowed"
+        message = f"at this target the tool axis, [{axis}] of the tool frame, {nearest}"
         return Reason(AXIS, message, missing, "rad")
 
     def _limits(self) -> list[Reason]:
-        """Each joint that would have to leave its limits, and by how much."""
         found = []
         for value, joint in zip(self.way.q, self.problem.robot.joints, strict=True):
             amount = max(joint.lower - value, value - joint.upper, 0.0)
@@ -148,15 +121,12 @@ class Reasons:
         return found
 
     def _held(self) -> list[Reason]:
-        """Each joint that would have to stand elsewhere."""
         found = []
         for k, value in self.elastic.held.items():
             joint, off = self.problem.robot.joints[k], abs(float(self.way.q[k] - value))
             if off > VISIBLE_EXCESS:
-                message = (
-                    f"{joint.name} is held at {shown(value, joint.unit)}, {shown(off, joint.unit)} from where the task "
-                    f"can be done"
-                )
+                held, away = shown(value, joint.unit), shown(off, joint.unit)
+                message = f"{joint.name} is held at {held}, {away} from where the task can be done"
                 found.append(Reason(f"{HELD} of {joint.name}", message, off, joint.unit))
         return found
 
@@ -175,10 +145,7 @@ class Reasons:
         return _row_reason(rows[k], *values[k])
 
     def _too_near(self, name: str, missing: float) -> Reason:
-        """A distance of the cell: below zero by what an obstacle has to give for links to be clear of it.
-
-        Where nothing overlaps it is the exact one, which may be more than the lower bound that is missed.
-        """
+        """A distance of the cell: below zero by what an obstacle must give; exact where nothing overlaps."""
         between, nearest, required = self.elastic.cell.scene.closest(name, self.way.q)
         bound = required - missing
         exact = bound < nearest < required and (nearest >= 0 or name == SELF_CLEARANCE_ROW)
@@ -189,7 +156,6 @@ class Reasons:
 
 
 def _row_reason(row: Row, value: float, low: float, high: float) -> Reason:
-    """What a row of a term reaches, and what is required."""
     reached, bound = row.shown(value), row.shown(low if value < low else high)
     reached_text, stated = shown_apart(reached, bound, row.unit)
     if reached < bound:
@@ -200,11 +166,7 @@ def _row_reason(row: Row, value: float, low: float, high: float) -> Reason:
 
 
 def way_words(problem: OptimisationProblem, target: TaskTarget, q: Array, shift: Array) -> str:
-    """Words for the direction of a move (3,) [m], where there are some.
-
-    Args:
-        q: (n,) a posture, for where the arm stands.
-    """
+    """Words for the direction of a move (3,) [m], for an arm that stands in posture q (n,)."""
     distance = float(np.linalg.norm(shift))
     screws = problem.tool_point.walk(q.tolist())[0].screws
     foot = np.array(screws[len(problem.robot.base)].origin, dtype=float)
@@ -215,7 +177,7 @@ def way_words(problem: OptimisationProblem, target: TaskTarget, q: Array, shift:
     along, up = float(shift @ out / np.linalg.norm(out)) / distance, float(shift[2]) / distance
     words = [(-along, "towards the base"), (along, "away from the base"), (up, "up"), (-up, "down")]
     cosine, word = max(words)
-    return f", {word}" if cosine >= MAIN_DIRECTION_COSINE else ""
+    return f", {word}" if cosine >= 0.9 else ""
 
 
 def stated_text(value: float, unit: str) -> str:
@@ -241,7 +203,6 @@ def shown(value: float, unit: str, digits: int = 4) -> str:
 
 
 def _plain(value: float, digits: int = 4) -> str:
-    """A number with so many significant digits or more, and no exponent where it is large."""
     text = f"{value:.{digits}g}"
     return f"{value:.0f}" if "e+" in text else text
 
@@ -262,3 +223,119 @@ def shown_apart(reached: float, bound: float, unit: str) -> tuple[str, str]:
 def stated_apart(stated: float, other: float, unit: str) -> str:
     """A stated quantity [SI] beside another value for it, with as many digits as show that they differ."""
     return shown_apart(stated, other, unit)[0]
+
+
+# SI unit -> factor to the unit of files, and its name; a Jacobian's are lengths there, others are as they are.
+_FILE_UNITS = {"m": (1e3, "mm"), "rad": (math.degrees(1.0), "deg"), "m/rad": (1e3, "mm")}
+
+
+@dataclass(frozen=True)
+class ChangedValue:
+    """A number [SI] of exactly the digits that are printed, and its text."""
+
+    value: float
+    text: str
+
+
+@dataclass(frozen=True)
+class Change:
+    """Another value at a key of the problem file."""
+
+    key: tuple[str | int, ...]  # entries of a list by name or number
+    value: Any  # SI, as the section holds it; None removes the entry
+    text: Json  # as the file states it
+    words: str
+    looser: int = 0  # 1: larger asks for less; −1: smaller does; 0: a pair of limits, a place
+
+    @property
+    def path(self) -> str:
+        """The key in one word: ``task.tilt``."""
+        return ".".join(map(str, self.key))
+
+    def with_room_for(self, other: Change) -> Change:
+        """The looser one of two changes at one key; of limits both."""
+        if self.value is None or other.value is None:
+            return self if self.value is None else other
+        if self.key[0] == "robot":
+            (low, high), (other_low, other_high) = self.value, other.value
+            lower, upper = (self if low <= other_low else other), (self if high >= other_high else other)
+            if lower is upper:
+                return lower
+            text = [_pair(lower.text)[0], _pair(upper.text)[1]]
+            words = f"{lower.words} and {upper.words}"
+            return replace(lower, value=(lower.value[0], upper.value[1]), text=text, words=words)
+        return max(self, other, key=lambda change: change.looser * float(np.sum(change.value)))
+
+
+def _pair(text: Json) -> Sequence[Json]:
+    assert isinstance(text, list)
+    return text
+
+
+def rounded(value: float, unit: str, decimals: int, side: int = 0) -> ChangedValue:
+    """A value [SI] with so many decimals in the unit of files, rounded up (side 1), down (−1) or to the nearest (0).
+
+    >>> rounded(0.00683201, "m", 1, 1)
+    ChangedValue(value=0.0069, text='6.9 mm')
+    """
+    factor, name = _FILE_UNITS.get(unit, (1.0, "" if unit in ("1", "probability") else unit))
+    scaled = value * factor * 10**decimals
+    # What is nearer than 1e-3 of the last digit is rounded to it
+    whole = round(scaled) if abs(scaled - round(scaled)) <= 1e-3 or not side else None
+    if whole is None:
+        whole = math.ceil(scaled) if side > 0 else math.floor(scaled)
+    number = whole / 10**decimals
+    text = f"{number:.{max(decimals, 0)}f}"
+    text = text.rstrip("0").rstrip(".") if "." in text else text
+    return ChangedValue(float(f"{number / factor:.15g}"), f"{'0' if text == '-0' else text} {name}".strip())
+
+
+def decimals_for(value: float, unit: str, digits: int) -> int:
+    """Decimals in the unit of files that show so many digits of a value [SI]."""
+    size = abs(value) * _FILE_UNITS.get(unit, (1.0, ""))[0]
+    return digits - 1 - math.floor(math.log10(max(size, 1e-9)))
+
+
+def exact_text(value: float, unit: str) -> str:
+    """A value [SI] as the file states it, to twelve digits.
+
+    >>> exact_text(0.6931, "m")
+    '693.1 mm'
+    """
+    factor, name = _FILE_UNITS.get(unit, (1.0, unit))
+    return f"{value * factor + 0.0:.12g} {name}"
+
+
+def with_changes(problem: ProblemData, changes: Sequence[Change]) -> ProblemData:
+    """The problem with other values at some keys of its task, its cell and the joints of its robot."""
+    for change in changes:
+        section, *key = change.key
+        if section == "robot":
+            robot = _with_limits(problem.robot, str(key[1]), change.value)
+            problem = replace(problem, arm=replace(problem.arm, robot=robot))
+        else:
+            problem = replace(problem, **{str(section): _with_value(getattr(problem, str(section)), key, change.value)})
+    return problem
+
+
+def _with_limits(robot: Robot, name: str, limits: tuple[float, float]) -> Robot:
+    """The robot with other limits [rad or m] of one joint."""
+    lower, upper = limits
+    joints = tuple(replace(j, lower=lower, upper=upper) if j.name == name else j for j in robot.joints)
+    return replace(robot, joints=joints)
+
+
+def _with_value(section: Any, key: Sequence[str | int], value: Any) -> Any:
+    """A section, or a list or mapping in it, with another value at a key; None removes an entry of a list."""
+    head, *rest = key
+    if isinstance(section, tuple):
+        names = [k if isinstance(head, int) else entry.name for k, entry in enumerate(section)]
+        at = names.index(head)
+        if value is None and not rest:
+            return section[:at] + section[at + 1 :]
+        return (*section[:at], _with_value(section[at], rest, value) if rest else value, *section[at + 1 :])
+    before = section.get(head) if isinstance(section, dict) else getattr(section, str(head))
+    after = _with_value(before, rest, value) if rest else value
+    if isinstance(before, JointQuantity) and isinstance(after, float):
+        after = replace(before, value=after)
+    return {**section, head: after} if isinstance(section, dict) else section.model_copy(update={str(head): after})

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from posture_opt.selection.program.nlp import Outcome
 from posture_opt.selection.solvers.ipopt import Ipopt
-from posture_opt.selection.solvers.solver import Ends, Outcome, Polish, Solver
+from posture_opt.selection.solvers.solver import Ends, Polish, Solver
 from posture_opt.spec import one_of
 
 SOLVERS: tuple[type[Solver], ...] = (Ipopt,)

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
 
-from posture_opt.selection.program.nlp import Nlp
-from posture_opt.selection.program.nonlinear_solver import NonlinearSolver
-from posture_opt.selection.solvers.solver import Ends, Outcome, Polish, Solver
+from posture_opt.selection.program.nlp import Nlp, NonlinearSolver, Outcome
+from posture_opt.selection.solvers.solver import Ends, Polish, Solver
 
+# Of the optimality conditions at an optimum that another method found: a thousandth of what that is asked for.
 CONFIRMING_TOLERANCE = 1e-9
-"""Of the optimality conditions at an optimum that another method found: a thousandth of what that is asked for."""
 
 
 class Ipopt(Solver):
@@ -43,17 +41,13 @@ class Ipopt(Solver):
         def polish(start: np.ndarray, parameters: np.ndarray, ends: Ends) -> Outcome:
             found = solver.solve(start, *ends, p=parameters)
             inside = replace(found, x=np.clip(found.x, *ends[:2]))
-            residual = solver.residual(inside, *ends, p=parameters) if np.all(np.isfinite(found.x)) else math.inf
-            return Outcome(
-                inside.x, found.optimal, found.message, found.iterations, residual,
-                found.row_multipliers, found.bound_multipliers,
-            )  # fmt: skip
+            known = np.all(np.isfinite(found.x))
+            return replace(inside, residual=solver.residual(inside, *ends, p=parameters) if known else np.inf)
 
         return polish
 
     @property
     def _near_a_start(self) -> dict[str, Any]:
-        """Starts are feasible: begin near them, with a small barrier, instead of walking away from them."""
         return {
             "ipopt.tol": self.tolerance,
             "ipopt.mu_init": 1e-6,
@@ -64,7 +58,6 @@ class Ipopt(Solver):
 
     @property
     def _at_an_optimum(self) -> dict[str, Any]:
-        """Starts are optima: nearly with the barrier of the last iteration, and with multipliers by least squares."""
         # Ten times the last barrier, so that at least one iteration is made.
         return {
             "ipopt.tol": min(CONFIRMING_TOLERANCE, self.tolerance),

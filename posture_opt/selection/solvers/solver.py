@@ -7,44 +7,19 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 from pydantic import Field
 
 from posture_opt.limits import MOST_STARTS
-from posture_opt.selection.program.nlp import Nlp
+from posture_opt.selection.program.nlp import Nlp, Outcome
 from posture_opt.spec import Spec
 
-
-@dataclass(frozen=True)
-class Outcome:
-    """One local solve.
-
-    Args:
-        x: (n,) the point where it ended, within the bounds of the variables.
-        optimal: whether the solver's own test of optimality is met.
-        message: its status in its own words.
-        iterations: that it took.
-        residual: the largest one of the optimality conditions, scaled.
-        row_multipliers: (m,) and ``bound_multipliers`` (n,) of the scaled objective, positive at upper ends.
-    """
-
-    x: np.ndarray
-    optimal: bool
-    message: str
-    iterations: int
-    residual: float
-    row_multipliers: np.ndarray
-    bound_multipliers: np.ndarray
-
-
+# Lower and upper ends of the variables (n,), then of the rows (m,).
 Ends = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-"""Lower and upper ends of the variables (n,), then of the rows (m,)."""
 
-Polish = Callable[[np.ndarray, np.ndarray, Ends], Outcome]
-"""(start (n,), target parameters, ends) -> outcome."""
+Polish = Callable[[np.ndarray, np.ndarray, Ends], Outcome]  # (start (n,), target parameters, ends) -> outcome
 
 
 class Solver(Spec):
@@ -54,8 +29,7 @@ class Solver(Spec):
     same seed gives the same answer, whatever the number of workers.
     """
 
-    summary: ClassVar[str]
-    """One line for ``optimize-posture list``."""
+    summary: ClassVar[str]  # one line for ``optimize-posture list``
 
     kind: str
     starts: int | None = Field(
@@ -69,9 +43,4 @@ class Solver(Spec):
 
     @abstractmethod
     def build(self, nlp: Nlp, *, confirms: bool = False) -> Polish:
-        """A function that solves ``nlp`` locally, again and again: (start (n,), target parameters (30,), ends of
-        variables and rows) -> outcome.
-
-        Args:
-            confirms: starts are optima that another method found: tolerances are as tight as rounding allows.
-        """
+        """(start (n,), target parameters (33,), ends) -> outcome; ``confirms``: starts are optima."""

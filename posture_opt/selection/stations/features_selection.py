@@ -1,7 +1,4 @@
-"""``select_for_features``: the placement of a workpiece and a posture for each of its features.
-
-Placements are screened with the features taken one by one; the best go into one program of placement and all postures.
-"""
+"""``select_for_features``: the placement of a workpiece and a posture for each of its features."""
 
 from __future__ import annotations
 
@@ -15,80 +12,103 @@ import numpy as np
 
 from posture_opt.errors import InputError, Issue, NoSolutionError
 from posture_opt.numerics import Array, Progress
-from posture_opt.selection.answer.fallbacks import with_fallbacks
-from posture_opt.selection.answer.placement import PlacementRange
+from posture_opt.selection.answer.placement import (
+    PlacementFigure,
+    PlacementRange,
+    PlacementStatistics,
+    best_order,
+    nearest_ties,
+    nearest_turns,
+)
 from posture_opt.selection.answer.selector import PostureSelector
-from posture_opt.selection.answer.shared_placement import PlacementFigure, PlacementStatistics
-from posture_opt.selection.answer.solution import Solution, Status, critical_basis
-from posture_opt.selection.answer.visiting_order import best_order, nearest_ties, nearest_turns
-from posture_opt.selection.problem_data import ProblemData
+from posture_opt.selection.answer.solution import Solution
+from posture_opt.selection.answer.target_answer import Status, critical_basis
+from posture_opt.selection.problem_data import ProblemData, with_fallbacks
 from posture_opt.selection.program.task_target import TaskTarget
-from posture_opt.selection.search.search_outcome import is_clear
+from posture_opt.selection.search.search_outcome import confirmed, is_clear
 from posture_opt.selection.stations.bench_map import PlacementOnBench, placement_sigma
-from posture_opt.selection.stations.confirmed_features import confirmed_features
 from posture_opt.selection.stations.features_failure import FeaturesFailure, joined_features
 from posture_opt.selection.stations.placed_stations import PlacedStations, Postures
-from posture_opt.selection.stations.placement_search import (
-    PlacementOptimum,
-    PlacementSearch,
-    failing,
-    search_placement,
-)
-from posture_opt.selection.stations.postures_together import postures_together
+from posture_opt.selection.stations.placement_search import PlacementOptimum, PlacementSearch, failing, search_placement
+from posture_opt.selection.stations.stations_problem import StationsPoint
 from posture_opt.selection.tasks import Task
 from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.uncertainty.spread.spread import relative_spread
 from posture_opt.uncertainty.spread.success_of_all import PlaceErrors, success_of_all
 
-_EXPLAINED_FEATURES = 3  # features that fail, for which the reason is looked into
-_MAX_OTHER_OPTIMA = 5
-_PROBED = 8  # placements that show whether the arm comes near to itself
-_STARTS_PER_PROBE = 8  # random postures of a feature there
-_SIGMA_TOLERANCE = 1e-4  # of a standard deviation: features that differ by less are the same
+
+def _confirmed(solution: Solution) -> Solution:
+    assert solution.engine is not None
+    given = solution.engine.candidates(solution.q[None], solution.target)[0]
+    (best, *_), said = confirmed(solution.engine, [given], solution.target, solution.problem.scene)
+    told = replace(solution, statistics=replace(solution.statistics, confirmation=said))
+    if said is not None and said.refutes:
+        return replace(told, status="feasible")
+    return replace(told, q=best.q, ended=np.vstack([best.q, solution.ended[1:]])) if said and said.taken else told
+
+
+def postures_together(
+    stations: PlacedStations, w: Array, solved: Sequence[Solution], known: Array | None = None
+) -> Sequence[Solution]:
+    """Answers with the postures (K, n) of greatest joint success at w (4,); unchanged without shared errors."""
+    if stations.shared is None:
+        return solved
+    precise, still = replace(stations, draws=8192), replace(stations, placement=PlacementRange(w, w))
+    given = [_postures(s, None if known is None else known[k]) for k, s in enumerate(solved)]
+    found = precise.among(w, given)
+    options = [np.array([s.q for s in solved]), *([] if known is None or not np.isfinite(known).all() else [known])]
+    options += [found.Q[0]] if np.isfinite(found.loss[0]) else []
+    if any(engine.optimisation_problem.freedom for engine in stations.engines):
+        end = still.joint.solve(StationsPoint(w, options[-1]))
+        improved = precise.among(w, list(end.point.Q[:, None]))
+        options += [improved.Q[0]] if np.isfinite(improved.loss[0]) else []
+    scene = solved[0].problem.scene
+    clear = [Q for Q in options if is_clear(scene, Q).all()] or options[:1]
+    answers = []
+    for Q in clear:
+        each = zip(stations.engines, stations.at(w), Q, strict=True)
+        tidied = [e.tidied(e.candidates(q[None], target), target)[0].q for e, target, q in each]
+        answers.append([_with_posture(one, q) for one, q in zip(solved, tidied, strict=True)])
+    places = [[PlaceErrors.of(s.spread, s.basis, s.target.clearance) for s in answer] for answer in answers]
+    return answers[int(np.argmax([success_of_all(each).probability for each in places]))]
+
+
+def _postures(solved: Solution, known: Array | None) -> Array:
+    seen = solved.feasible[:: max(len(solved.feasible) // 12, 1)]
+    rows = [solved.ranked, seen] if len(seen) else [solved.ranked]
+    Q = np.vstack([solved.q[None], *rows, *([] if known is None else [known[None]])])
+    return np.asarray(Q[is_clear(solved.problem.scene, Q)])
+
+
+def _with_posture(one: Solution, q: Array) -> Solution:
+    """The answer with a posture (n,), which comes first among its alternatives."""
+    if np.array_equal(one.q, q):
+        return one
+    return replace(one, q=q, ended=np.vstack([q, one.ended[np.abs(one.ended - q).max(axis=1) > 1e-6]]))
 
 
 def select_for_features(
     problem: ProblemData, *, seed: int | None = None, workers: int = 1, progress: Progress | None = None
 ) -> Solution:
-    """The placement and the postures whose spread hurts the task least.
-
-    ``min over w, q_1 … q_K`` of the largest or the mean standard deviation of the features, or of the probability that
-    one is missed; subject to the range of the placement and to all that holds for one posture.
-
-    Raises:
-        NoSolutionError: no placement at which every feature can be done; carries the one that fails least.
-        InputError: as `select_posture`.
-    """
+    """``min over w, q_1 … q_K`` of the features' spreads combined; raises as `select_posture`."""
     return with_fallbacks(problem, lambda one: _FeaturesSelection.of(one, seed).answer(workers, progress))
 
 
 @dataclass(frozen=True, eq=False)
 class _FeaturesSelection:
-    """The selection for one task with features.
-
-    Args:
-        placement: where the workpiece may stand.
-        seed: of the random placements and postures.
-    """
-
     problem: ProblemData
     task: Task
-    placement: PlacementRange
-    seed: int
+    placement: PlacementRange  # where the workpiece may stand
+    seed: int  # of the random placements and postures
 
     @classmethod
     def of(cls, problem: ProblemData, seed: int | None) -> _FeaturesSelection:
-        """The selection for a problem with a task that has features; ``seed`` None is that of the problem."""
+        """Selection for a task with features; ``seed`` None is the problem's."""
         assert problem.task is not None
         placement = PlacementRange.of(problem.task.workpiece)
         return cls(problem, problem.task, placement, problem.solver.seed if seed is None else seed)
 
     def answer(self, workers: int, progress: Progress | None) -> Solution:
-        """The placement that is found to be best, with the best postures there.
-
-        Raises:
-            NoSolutionError: no placement at which every feature can be done.
-        """
         began = time.perf_counter()
         if not self.placement.free.any():
             return self._where_it_stands(workers, progress, began)
@@ -99,75 +119,44 @@ class _FeaturesSelection:
 
     @cached_property
     def _shared(self) -> Sources | None:
-        """The sources of which a part stays, where what counts is that all succeed; None where features err alone.
-
-        A peg fails with either end, which is not one circle at each feature: its probabilities are multiplied.
-        """
         sources = self.problem.task_sources
         stays = bool(np.any(np.diag(sources.constant) > 0))
         return sources if self.task.combine == "success" and stays and self.task.part is None else None
 
     @cached_property
     def _selector(self) -> PostureSelector:
-        """Of one feature: by the probability to miss it where that all succeed is asked for, else by the criterion."""
-        return self._single({"criterion": "miss"} if self.task.combine == "success" else {})
-
-    def _single(self, criterion: dict[str, str]) -> PostureSelector:
-        """The selector of one feature, with keys of the task replaced: the placed features are its targets."""
         first = self.task.features[0]
         clearances = [c for c in (self.task.clearance, *(f.clearance for f in self.task.features)) if c is not None]
         given = {
             "features": (), "workpiece": None, "combine": "worst", "position": first.position,
             "direction": first.direction or self.task.direction, "clearance": next(iter(clearances), None),
-            **criterion,
+            **({"criterion": "miss"} if self.task.combine == "success" else {}),
         }  # fmt: skip
         single = replace(self.problem, task=self.task.model_copy(update=given))
         compiled = None if self.placement.free.any() else False
         return PostureSelector(single, compiled=compiled, keeps_mounting=True, offers=False)
 
     def _stations(self, guarded: bool | None = None) -> PlacedStations:
-        """The features as stations, with the engines that serve them.
-
-        Args:
-            guarded: as of `PostureSelector.engine`.
-
-        Raises:
-            InputError: a yaw that turns directions out of the plane of the arm, or an axis that the arm cannot hold.
-        """
-        selector = self._selector
+        selector, normal = self._selector, self._selector.reach.normal
         targets = tuple(self._target(selector, feature) for feature in self.task.features)
         at = [target.moved(self.placement.centre) for target in targets]
-        self._check_plane(selector)
+        turns = self.placement.lower[3] != 0 or self.placement.upper[3] != 0
+        if normal is not None and turns and abs(normal[2]) < 1 - 1e-9:
+            message, key = "the arm moves in a plane that a yaw turns the part out of", ("task", "workpiece", "yaw")
+            raise InputError(Issue(message, key, hint="leave the yaw out"))
         engines = tuple(selector.engine(target, guarded) for target in at)
         for engine, target in zip(engines, at, strict=True):
             engine.optimisation_problem.check_axis(target)
         return PlacedStations(engines, targets, self.placement, self.task.combine, self._shared)
 
     def _target(self, selector: PostureSelector, feature: Any) -> TaskTarget:
-        """The target of a feature in the frame of the workpiece, with direction and clearance of its own or of the
-        task.
-        """
         target = selector.target.with_position(np.array(feature.position))
         direction = feature.direction or self.task.direction
         target = target.with_direction(np.array(direction), selector.reach)
         clearance, lever = feature.clearance or self.task.clearance, np.subtract(feature.position, self.task.origin)
         return replace(target, clearance=np.nan if clearance is None else clearance, lever=lever)
 
-    def _check_plane(self, selector: PostureSelector) -> None:
-        """Refuses a yaw that would turn directions out of the plane of a planar arm.
-
-        Raises:
-            InputError: the plane is not level and the yaw is not zero.
-        """
-        normal = selector.reach.normal
-        turns = self.placement.lower[3] != 0 or self.placement.upper[3] != 0
-        if normal is not None and turns and abs(normal[2]) < 1 - 1e-9:
-            hint = "leave the yaw out"
-            issue = Issue("the arm moves in a plane that a yaw turns the part out of", ("task", "workpiece", "yaw"))
-            raise InputError(replace(issue, hint=hint))
-
     def _search(self, workers: int, progress: Progress | None) -> PlacementSearch:
-        """As for one target: without rows that keep the arm clear of itself, unless the answer is not."""
         scene = self.problem.scene
 
         def clear(optimum: PlacementOptimum) -> bool:
@@ -181,56 +170,57 @@ class _FeaturesSelection:
         return search_placement(self._stations(guarded=True), self.seed, workers, progress)
 
     def _mostly_clear(self, free: PlacedStations) -> bool:
-        """Whether the best of some placements, without rows that keep the arm clear, is clear as it is."""
         rng = np.random.default_rng(self.seed)
-        found = free.best(free.in_plane(self.placement.drawn(_PROBED, rng)), _STARTS_PER_PROBE, rng)
+        found = free.best(free.in_plane(self.placement.drawn(8, rng)), 8, rng)
         best = int(np.argmin(found.loss))
         return not np.isfinite(found.loss[best]) or bool(is_clear(self.problem.scene, found.Q[best]).all())
 
     def _at(self, search: PlacementSearch, began: float) -> Solution:
-        """Every feature solved on its own where the workpiece is, from the joint answer and from random starts."""
-        stations, optimum = search.stations, search.optima[0]
+        stations, optimum, every = search.stations, search.optima[0], search.screened
         solved = [
             self._selector.solve_target(target, self.seed, known=q if np.isfinite(q).all() else None)
             for target, q in zip(stations.at(optimum.w), optimum.postures, strict=True)
         ]
-        every = search.screened
-        sigma = placement_sigma(stations, every)
-        feasible = np.isfinite(sigma)
+        solved = list(postures_together(stations, optimum.w, solved, optimum.postures))
+        feasible = np.isfinite(placement_sigma(stations, every))
         drawn = np.flatnonzero(feasible)[1:] if feasible[0] else np.flatnonzero(feasible)
         middle = drawn[np.argsort(every.loss[drawn], kind="stable")[len(drawn) // 2]] if len(drawn) else None
-        scene = self.problem.scene
-        rest = [o for o in search.optima[1:] if is_clear(scene, o.postures).all()]
-        figure = _Figures(self.problem, stations, self.task.combine == "success")
+        rest = [o for o in search.optima[1:] if is_clear(self.problem.scene, o.postures).all()]
         statistics = PlacementStatistics(
             len(every.W), int(feasible.sum()), every.tried, search.solves, search.batches, search.recurred,
             time.perf_counter() - began,
         )  # fmt: skip
         return self._solution(
-            stations, optimum.w, postures_together(stations, optimum.w, solved, optimum.postures), statistics,
+            stations, optimum.w, solved, statistics,
             optimal=optimum.optimal,
-            at_centre=figure.of(every, 0),
-            typical=None if middle is None else figure.of(every, int(middle)),
-            others=tuple(figure.of(other.found, 0) for other in rest[:_MAX_OTHER_OPTIMA]),
+            at_centre=self._figure(stations, every, 0),
+            typical=None if middle is None else self._figure(stations, every, int(middle)),
+            others=tuple(self._figure(stations, other.found, 0) for other in rest[:5]),
         )  # fmt: skip
+
+    def _figure(self, stations: PlacedStations, found: Postures, m: int) -> PlacementFigure:
+        w, sigma = found.W[m], float(placement_sigma(stations, found)[m])
+        if self.task.combine != "success" or not np.isfinite(sigma):
+            return PlacementFigure(w, sigma, None)
+        places = []
+        for engine, target, q in zip(stations.engines, stations.at(w), found.Q[m], strict=True):
+            basis = critical_basis(engine.optimisation_problem, target)
+            places.append(PlaceErrors.of(relative_spread(self.problem, q, target.lever), basis, target.clearance))
+        return PlacementFigure(w, sigma, success_of_all(places).probability)
 
     def _solution(
         self, stations: PlacedStations, w: Array, solved: Sequence[Solution], statistics: PlacementStatistics,
         *, optimal: bool = True, **beside: Any,
     ) -> Solution:  # fmt: skip
-        """The answer with postures near each other: ties and whole turns decided by the way between them.
-
-        Args:
-            w: (4,) the placement [m, rad], world.
-            beside: figures of other placements.
-        """
+        """Answer at w (4,) [m, rad], world; ties and whole turns decided by the way between postures."""
         robot = solved[0].optimisation_problem.robot
         solved = self._ties(solved)
         Q = np.array([solution.q for solution in solved])
         turned = nearest_turns(robot, Q, best_order(robot, Q).order)
         if best_order(robot, turned).travel < best_order(robot, Q).travel - 1e-9:
             solved = [replace(solution, q=q) for solution, q in zip(solved, turned, strict=True)]
-        solved = solved if self.task.combine == "success" else confirmed_features(solved)
+        if self.task.combine != "success":  # where errors stay none is the best by itself
+            solved = [_confirmed(solution) for solution in solved]
         status: Status = "optimal" if optimal and all(s.status == "optimal" for s in solved) else "feasible"
         notes = tuple(dict.fromkeys(note for solution in solved for note in solution.notes))
         names = [feature.name for feature in self.task.features]
@@ -239,23 +229,16 @@ class _FeaturesSelection:
         return joined_features(self.problem, solved, names, placement, status=status, notes=notes)
 
     def _ties(self, solved: Sequence[Solution]) -> Sequence[Solution]:
-        """Of postures that scatter alike, such as mirrored elbows, those that the joints travel least between."""
         if self.task.criterion != "worst" or self.task.combine == "success" or self.task.minimize:
             return solved
-        alike = [[a for a in s.optima if a.sigma_max <= (1 + _SIGMA_TOLERANCE) * s.critical.sigma_max] for s in solved]
-        options = [
-            np.array([s.q, *(list(a.posture.values()) for a in same)]) for s, same in zip(solved, alike, strict=True)
-        ]
-        robot = solved[0].optimisation_problem.robot
-        chosen = nearest_ties(robot, options)
+        options = []
+        for s in solved:
+            alike = [a for a in s.optima if a.sigma_max <= (1 + 1e-4) * s.critical.sigma_max]
+            options.append(np.array([s.q, *(list(a.posture.values()) for a in alike)]))
+        chosen = nearest_ties(solved[0].optimisation_problem.robot, options)
         return [replace(s, q=each[k]) if k else s for s, each, k in zip(solved, options, chosen, strict=True)]
 
     def _where_it_stands(self, workers: int, progress: Progress | None, began: float) -> Solution:
-        """The answer for a placement that is fixed: the features are single problems, and what joins them is the order.
-
-        Raises:
-            NoSolutionError: some feature cannot be done there.
-        """
         selector, stations, w = self._selector, self._stations(), self.placement.lower
         solved: list[Solution] = []
         for k, target in enumerate(stations.at(w)):
@@ -266,7 +249,7 @@ class _FeaturesSelection:
                     raise
                 after = range(k + 1, len(stations.targets))
                 failed = [k, *(j for j in after if not selector.can_be_done(stations.at(w)[j]))]
-                raise self._explained().error(w, failed, [error], 1, began) from None
+                raise self._explained().error(w, failed, [], [error], 1, began) from None
             if progress is not None:
                 progress(k + 1, len(stations.targets))
         starts = sum(solution.statistics.tried for solution in solved)
@@ -276,65 +259,32 @@ class _FeaturesSelection:
         return self._solution(stations, w, postures_together(stations, w, solved), statistics)
 
     def _explained(self) -> FeaturesFailure:
-        """The inquiry into a failure, with rows that keep the arm clear."""
         return FeaturesFailure(self.problem, self.task, self._stations(guarded=True), self.seed, self._selector, _does)
 
     def can_be_done(self) -> bool:
-        """Whether a placement is found at which every feature can be done; why not is not asked."""
+        """Whether a placement is found for all features; why not is not asked."""
         if self.placement.free.any():
             return bool(search_placement(self._stations(guarded=True), self.seed, wanted=1).optima)
         return all(self._selector.can_be_done(target) for target in self._stations().at(self.placement.lower))
 
     def _failure(self, search: PlacementSearch, began: float) -> NoSolutionError:
-        """The error with the placement at which least is missing, and why the features fail there that do."""
         stations, every = search.stations, search.screened
         m = int(np.argmin(failing(every)))
-        selector = self._selector
         if self.problem.above_assumed_mounting:  # which is dropped first
             raise NoSolutionError("no placement was found above the mounting plane")
         errors: list[NoSolutionError] = []
         solved: list[Solution] = []
         failed = [int(k) for k in np.flatnonzero(every.gap[m] > 0)]
-        for k in failed[:_EXPLAINED_FEATURES]:
+        for k in failed[:3]:
             try:
-                solved.append(selector.solve_target(stations.targets[k].moved(every.W[m]), self.seed, 8))
+                solved.append(self._selector.solve_target(stations.targets[k].moved(every.W[m]), self.seed, 8))
             except NoSolutionError as error:
                 errors.append(error)
-        if not errors:
-            return self._explained().not_together(every.W[m], failed, solved, len(every.W), began)
-        return self._explained().error(every.W[m], failed, errors, len(every.W), began)
+        return self._explained().error(every.W[m], failed, solved, errors, len(every.W), began)
 
 
 def _does(problem: ProblemData) -> bool:
-    """Whether a changed problem with features is solved."""
     try:
         return _FeaturesSelection.of(problem, None).can_be_done()
     except InputError:  # no such problem can be stated
         return False
-
-
-@dataclass(frozen=True)
-class _Figures:
-    """What placements cost, for comparison with the answer: the middle of the range, a typical one, other optima."""
-
-    problem: ProblemData
-    stations: PlacedStations
-    with_success: bool
-
-    def of(self, found: Postures, m: int) -> PlacementFigure:
-        """The figure of the placement in row m."""
-        sigma = float(placement_sigma(self.stations, found)[m])
-        p_success = self._success(found.W[m], found.Q[m]) if self.with_success and np.isfinite(sigma) else None
-        return PlacementFigure(found.W[m], sigma, p_success)
-
-    def _success(self, w: Array, Q: Array) -> float:
-        """Probability that all features succeed at a placement w (4,) with postures Q (K, n)."""
-        places = [
-            PlaceErrors.of(
-                relative_spread(self.problem, q, target.lever),
-                critical_basis(engine.optimisation_problem, target),
-                target.clearance,
-            )
-            for engine, target, q in zip(self.stations.engines, self.stations.at(w), Q, strict=True)
-        ]
-        return success_of_all(places).probability

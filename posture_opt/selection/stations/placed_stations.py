@@ -1,9 +1,4 @@
-"""``PlacedStations``: the features of a workpiece; the best posture of each at many placements.
-
-Once the placement is given, no feature depends on the others, unless errors that stay move all of them at once and what
-counts is that all succeed. So placements are compared by solving all features at all of them in batches; postures that
-err alike are looked for among the branches of each feature.
-"""
+"""``PlacedStations``: the features of a workpiece, and the best posture of each at many placements."""
 
 from __future__ import annotations
 
@@ -14,79 +9,146 @@ from typing import Any
 
 import numpy as np
 
-from posture_opt.numerics import Array, Codes, DerivedAgain, Mask
-from posture_opt.selection.answer.combine import combined_numbers
-from posture_opt.selection.answer.placement import PlacementRange
+from posture_opt.numerics import TURN, Array, Codes, DerivedAgain, Mask
+from posture_opt.selection.answer.placement import PlacementRange, combined_numbers
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.engine import Engine
-from posture_opt.selection.stations.branch_combination import Branches, best_combination, combination_losses
 from posture_opt.selection.stations.station_candidates import StationCandidates, given_candidates, station_candidates
-from posture_opt.selection.stations.station_errors import StationErrors
-from posture_opt.selection.stations.stations_problem import SharedSuccess, Station, StationsProblem
+from posture_opt.selection.stations.stations_problem import SharedSuccess, Station, StationErrors, StationsProblem
 from posture_opt.selection.tasks.workpiece import Combine
 from posture_opt.uncertainty.sources.sources import Sources
-from posture_opt.uncertainty.spread.shared_draws import ErrorParts, SharedDraws
+from posture_opt.uncertainty.spread.success_of_all import ErrorParts, SharedDraws
+
+
+@dataclass(frozen=True)
+class Branches:
+    """Postures of one feature at one placement."""
+
+    Q: Array  # (B, n) postures
+    success: Array  # (B, N) probability given each draw of the errors that stay
+    log_miss: Array  # (B,) of the posture alone
+    extra: Array  # (B,) further terms of the objective
+
+
+def combination_losses(p_all: Array, log_miss: Array, extra: Array) -> Array:
+    """(S,) ``log(−log P) + Σ e_k/K``, P kept within ``max_k m_k ≤ 1 − P ≤ Σ m_k`` (draws fail near P = 1)."""
+    miss = np.exp(np.minimum(log_miss, -1e-9))
+    least, most = miss.max(axis=1), miss.sum(axis=1)
+    slight = 1e-9 * np.prod(1 - miss, axis=1)  # where no draw succeeds, products are compared
+    loss = np.clip(1 - p_all, least, np.maximum(np.minimum(most, 1 - slight), least))
+    return np.asarray(np.log(-np.log1p(-np.minimum(loss, 1 - 1e-300))) + extra.mean(axis=1))
+
+
+def best_combination(features: Sequence[Branches], revolute: Mask) -> tuple[Codes, float]:
+    """(K,) the posture of each feature, and the loss; ``revolute`` (n,) joints count but for whole turns."""
+    alone = [int(np.argmin(f.log_miss + f.extra)) for f in features]
+    starts = np.unique(np.vstack([alone, _families(features, revolute), _greedy(features)]), axis=0)
+    losses = _losses(features, starts)
+    chosen = np.argsort(losses, kind="stable")[:2]
+    ends = [_exchanged(features, starts[s], float(losses[s])) for s in chosen]
+    return min(ends, key=lambda end: end[1])
+
+
+def _losses(features: Sequence[Branches], chosen: Codes) -> Array:
+    """(S,) losses of the combinations ``chosen`` (S, K)."""
+    product = np.ones((len(chosen), features[0].success.shape[1]))
+    for feature, picks in zip(features, chosen.T, strict=True):
+        product = product * feature.success[picks]
+    log_miss, extra = (
+        np.column_stack([getattr(f, name)[picks] for f, picks in zip(features, chosen.T, strict=True)])
+        for name in ("log_miss", "extra")
+    )
+    return combination_losses(product.mean(axis=1), log_miss, extra)
+
+
+def _families(features: Sequence[Branches], revolute: Mask) -> Codes:
+    """(S, K) the nearest postures of all features to each posture of each: one branch for all."""
+    rows = []
+    for seed in features:
+        columns = []
+        for other in features:
+            away = seed.Q[:, None] - other.Q
+            away = np.where(revolute, away - TURN * np.rint(away / TURN), away)
+            columns.append(np.argmin(np.sum(away**2, axis=2), axis=1))
+        rows.append(np.column_stack(columns))
+    return np.vstack(rows)
+
+
+def _greedy(features: Sequence[Branches]) -> Codes:
+    """(S, K) from each posture of the hardest feature on, what goes best with those before, hardest first."""
+    order = np.argsort([-float(f.log_miss.min()) for f in features], kind="stable")
+    chosen = np.zeros((len(features[order[0]].Q), len(features)), dtype=int)
+    chosen[:, order[0]] = np.arange(len(chosen))
+    product = features[order[0]].success
+    for k in order[1:]:
+        chosen[:, k] = np.argmax(product @ features[k].success.T, axis=1)
+        product = product * features[k].success[chosen[:, k]]
+    return chosen
+
+
+def _exchanged(features: Sequence[Branches], chosen: Codes, loss: float) -> tuple[Codes, float]:
+    success, log_miss, extra = (
+        np.array([getattr(f, name)[b] for f, b in zip(features, chosen, strict=True)])
+        for name in ("success", "log_miss", "extra")
+    )
+    for _ in range(8):
+        before = loss
+        for k, feature in enumerate(features):
+            others = np.prod(np.delete(success, k, axis=0), axis=0)
+            misses, extras = (np.tile(row, (len(feature.Q), 1)) for row in (log_miss, extra))
+            misses[:, k], extras[:, k] = feature.log_miss, feature.extra
+            losses = combination_losses(feature.success @ others / len(others), misses, extras)
+            b = int(np.argmin(losses))
+            if losses[b] < loss:
+                loss, chosen = float(losses[b]), np.where(np.arange(len(chosen)) == k, b, chosen)
+                success[k], log_miss[k], extra[k] = feature.success[b], feature.log_miss[b], feature.extra[b]
+        if loss >= before:
+            break
+    return chosen, loss
+
 
 _COLUMNS = ("W", "Q", "main", "extra", "sigma", "gap", "loss")
 _OF_STATION = ("main", "extra", "sigma", "gap")
-_PROBED = 32  # placements, by which the leading combinations of the errors that stay are found
-_BRANCHES = 6  # postures of a feature at a placement that are combined with those of the others, at most
-_DRAWS = 256  # of the errors that stay, to compare combinations by
-_JOINT_SHARE = 4  # one in so many of them is in the joint program
 
 
 @dataclass(frozen=True)
 class Postures:
-    """The best posture found of each of K stations at each of M placements.
+    """Best posture found of each of K stations at each of M placements."""
 
-    Args:
-        W: (M, 4) placements.
-        Q: (M, K, n) postures, NaN where nothing was found.
-        main: (M, K) first term of the objective, infinite where no posture is feasible; extra: (M, K) further terms.
-        sigma: (M, K) largest standard deviation of the part that counts [m].
-        gap: (M, K) zero where a posture is feasible; else the least error of the inverse kinematics or of a row.
-        loss: (M,) objective of all stations together, infinite where one cannot be done.
-        tried: random postures that were led to targets.
-    """
-
-    W: Array
-    Q: Array
-    main: Array
-    extra: Array
-    sigma: Array
-    gap: Array
-    loss: Array
-    tried: int = 0
+    W: Array  # (M, 4) placements
+    Q: Array  # (M, K, n) postures, NaN where nothing was found
+    main: Array  # (M, K) first term of the objective, infinite where no posture is feasible
+    extra: Array  # (M, K) further terms
+    sigma: Array  # (M, K) largest standard deviation of the part that counts [m]
+    gap: Array  # (M, K) zero where a posture is feasible; else the least error of the inverse kinematics or of a row
+    loss: Array  # (M,) objective of all stations together, infinite where one cannot be done
+    tried: int = 0  # random postures that were led to targets
 
     def rows(self, chosen: Codes) -> Postures:
-        """The placements of the ``chosen`` rows, in this order."""
         return replace(self, **{name: getattr(self, name)[chosen] for name in _COLUMNS})
 
     def joined(self, other: Postures) -> Postures:
-        """The placements of both, in this order."""
         both = {name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in _COLUMNS}
         return replace(self, **both, tried=self.tried + other.tried)
+
+    def replaced(self, rows: Codes, better: Postures) -> Postures:
+        """The placements, those of some rows as in ``better``."""
+        columns: dict[str, Any] = {name: np.array(getattr(self, name)) for name in _COLUMNS}
+        for name, column in columns.items():
+            column[rows] = getattr(better, name)
+        return replace(self, **columns, tried=self.tried + better.tried)
 
 
 @dataclass(frozen=True)
 class PlacedStations(DerivedAgain):
-    """K stations on one workpiece.
+    """K stations on one workpiece."""
 
-    Args:
-        engines: of each station; those of one kind share one.
-        targets: in the frame of the workpiece, with one scale.
-        placement: where the workpiece may stand.
-        shared: sources whose constant part moves all stations at once, where what counts is that all succeed; None
-            where the stations are independent.
-        draws: of these errors, by which combinations are compared.
-    """
-
-    engines: tuple[Engine, ...] = field(repr=False)
-    targets: tuple[TaskTarget, ...]
-    placement: PlacementRange
+    engines: tuple[Engine, ...] = field(repr=False)  # of each station; those of one kind share one
+    targets: tuple[TaskTarget, ...]  # in the frame of the workpiece, with one scale
+    placement: PlacementRange  # where the workpiece may stand
     combine: Combine
-    shared: Sources | None = None
-    draws: int = _DRAWS
+    shared: Sources | None = None  # whose constant part moves all stations, where what counts is that all succeed
+    draws: int = 256  # of these errors, by which combinations are compared
 
     def __reduce__(self) -> tuple[Any, ...]:
         return PlacedStations, (self.engines, self.targets, self.placement, self.combine, self.shared, self.draws)
@@ -94,26 +156,26 @@ class PlacedStations(DerivedAgain):
     @cached_property
     def joint(self) -> StationsProblem:
         """All stations and the placement as one nonlinear program."""
-        pairs = zip(self.engines, self.targets, strict=True)
+        pairs, box = zip(self.engines, self.targets, strict=True), self.placement.without_seam
         stations = tuple(Station(engine.optimisation_problem, target) for engine, target in pairs)
-        box = self.placement.without_seam
-        return StationsProblem(stations, box.lower, box.upper, self.combine, shared=self._joint_errors)
+        errors = None if self.shared is None else SharedSuccess(self.shared, self._draws.delta[::4])
+        return StationsProblem(stations, box.lower, box.upper, self.combine, shared=errors)
 
     def scaled(self, scale: float) -> PlacedStations:
-        """The same stations with the objectives divided by another variance [m²]."""
+        """Stations with the objectives divided by another variance [m²]."""
         return replace(self, targets=tuple(replace(target, scale=scale) for target in self.targets))
 
     def scale_of(self, found: Postures) -> float:
-        """What the objectives are divided by [m²]: the median over all feasible postures; one where there is none."""
+        """Median variance over all feasible postures [m²], which objectives are divided by; one without any."""
         own = found.main[np.isfinite(found.main)]
         return self.engines[0].scale_of(own * self.targets[0].scale) if len(own) else 1.0
 
     def at(self, w: Array) -> list[TaskTarget]:
-        """The targets of all stations at a placement w (4,) [m, rad], world."""
+        """Targets of all stations at a placement w (4,) [m, rad], world."""
         return [target.moved(w) for target in self.targets]
 
     def in_plane(self, W: Array) -> Array:
-        """Placements W (M, 4), those of a planar arm shifted within the box so that the first target is in reach."""
+        """Placements W (M, 4), of a planar arm shifted within the box so that the first target is in its plane."""
         reach = self.engines[0].optimisation_problem.reach
         if not reach.normals.shape[1]:
             return W
@@ -122,31 +184,30 @@ class PlacedStations(DerivedAgain):
         return np.asarray(np.clip(W + shifts, self.placement.lower, self.placement.upper))
 
     def best(self, W: Array, starts: int, rng: np.random.Generator, known: Array | None = None) -> Postures:
-        """The best postures at placements W (M, 4), from random starts and from ``known`` postures (J, K, n)."""
+        """Best postures at placements W (M, 4), from random starts and from ``known`` postures (J, K, n)."""
         candidates = []
         for k, (engine, target) in enumerate(zip(self.engines, self.targets, strict=True)):
             own = np.zeros((0, engine.robot.n)) if known is None else known[:, k]
             own, targets = own[np.isfinite(own).all(axis=1)], [target.moved(w) for w in W]
-            branches = 0 if self.shared is None else _BRANCHES
+            branches = 0 if self.shared is None else 6
             candidates.append(station_candidates(engine, targets, starts, own, rng, branches))
         return self._chosen(W, candidates, starts * len(W) * len(self.targets))
 
     def among(self, w: Array, given: Sequence[Array]) -> Postures:
-        """The best of given postures (B, n) of each station at a placement w (4,), as they are."""
+        """Best of given postures (B, n) of each station at a placement w (4,), as they are."""
         none = np.zeros(1)
         each = zip(self.engines, self.at(w), given, strict=True)
         found = [given_candidates(e, [target], Q, np.zeros(len(Q), dtype=int), none) for e, target, Q in each]
         return self._chosen(w[None], found, 0)
 
     def _chosen(self, W: Array, candidates: Sequence[StationCandidates], tried: int) -> Postures:
-        """The best of the candidates of each station: each on its own, or all together where they share errors."""
         parts = zip(*(of_station.best() for of_station in candidates), strict=True)
         Q, main, extra, sigma, gap = (np.stack(part, axis=1) for part in parts)
         alone = Postures(W, Q, main, extra, sigma, gap, combined_numbers(self.combine, main, extra), tried)
         return alone if self.shared is None else self._together(alone, candidates)
 
     def better(self, found: Postures, other: Postures) -> Postures:
-        """The better postures of two searches at the same placements: of each station, or of all that share errors."""
+        """Better postures of two searches at the same placements: of each station, or of all that share errors."""
         mine, theirs = found.main + found.extra, other.main + other.extra
         take = (other.gap < found.gap) | ((other.gap == found.gap) & (theirs < mine))
         if self.shared is not None:
@@ -158,9 +219,7 @@ class PlacedStations(DerivedAgain):
         return replace(found, Q=Q, loss=loss, **best, tried=found.tried + other.tried)
 
     def losses(self, W: Array, Q: Array, main: Array, extra: Array) -> Array:
-        """(M,) the objective of all stations together at placements W (M, 4) with postures Q (M, K, n), as the joint
-        problem has it; infinite where a first term ``main`` (M, K) is.
-        """
+        """(M,) objective of all stations at W (M, 4), Q (M, K, n); infinite where ``main`` (M, K) is."""
         loss = combined_numbers(self.combine, main, extra)
         rows = np.flatnonzero(np.isfinite(main).all(axis=1))
         if self.shared is None or not len(rows):
@@ -172,32 +231,25 @@ class PlacedStations(DerivedAgain):
         return loss
 
     def _errors_at(self, k: int, W: Array, of: Codes, Q: Array) -> ErrorParts:
-        """The errors of station k with postures Q (N, n), each at the placement ``of`` (N,) it among W (M, 4)."""
+        """Errors of station k with postures Q (N, n), each at its placement ``of`` (N,) among W (M, 4)."""
         parameters = np.array([self.targets[k].moved(w).parameters for w in W])
         return self._errors[k].at(Q, parameters[of])
 
     @cached_property
     def _errors(self) -> list[StationErrors]:
-        """Of each station; those of one kind share one."""
         assert self.shared is not None, "independent stations have no errors in common"
         of = {id(e): StationErrors(e.optimisation_problem, self.shared) for e in self.engines}
         return [of[id(engine)] for engine in self.engines]
 
     @cached_property
     def _draws(self) -> SharedDraws:
-        """Draws of the errors that stay, in the combinations of them that move some postures at some placements."""
-        rng, W = np.random.default_rng(0), self.placement.drawn(_PROBED, np.random.default_rng(0))
-        every = np.arange(_PROBED)
-        probed = [self._errors_at(k, W, every, e.ik.random_postures(_PROBED, rng)) for k, e in enumerate(self.engines)]
+        rng, W = np.random.default_rng(0), self.placement.drawn(32, np.random.default_rng(0))
+        every = np.arange(32)
+        probed = [self._errors_at(k, W, every, e.ik.random_postures(32, rng)) for k, e in enumerate(self.engines)]
         return SharedDraws.of([errors.shared for errors in probed], self.draws)
 
-    @cached_property
-    def _joint_errors(self) -> SharedSuccess | None:
-        """What the joint problem knows of the errors that stay; None where the stations are independent."""
-        return None if self.shared is None else SharedSuccess(self.shared, self._draws.delta[::_JOINT_SHARE])
-
     def _together(self, alone: Postures, candidates: Sequence[StationCandidates]) -> Postures:
-        """The same placements, where all stations can be done with the combination of candidates that is best."""
+        revolute = np.array([joint.type == "revolute" for joint in self.engines[0].robot.joints])
         names = ("main", "extra", "sigma")
         found: dict[str, Any] = {name: np.array(getattr(alone, name)) for name in ("Q", "loss", *names)}
         success = [self._draws.success(self._errors_at(k, alone.W, c.of, c.Q)) for k, c in enumerate(candidates)]
@@ -206,14 +258,9 @@ class PlacedStations(DerivedAgain):
             branches = [
                 Branches(c.Q[r], s[r], c.main[r], c.extra[r]) for c, s, r in zip(candidates, success, rows, strict=True)
             ]
-            chosen, found["loss"][m] = best_combination(branches, self._revolute)
+            chosen, found["loss"][m] = best_combination(branches, revolute)
             for k, (c, r) in enumerate(zip(candidates, rows, strict=True)):
                 found["Q"][m, k] = c.Q[r[chosen[k]]]
                 for name in names:
                     found[name][m, k] = getattr(c, name)[r[chosen[k]]]
         return replace(alone, **found)
-
-    @property
-    def _revolute(self) -> Mask:
-        """(n,) which joints turn."""
-        return np.array([joint.type == "revolute" for joint in self.engines[0].robot.joints])

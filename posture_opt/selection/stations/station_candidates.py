@@ -8,46 +8,30 @@ from dataclasses import dataclass
 import numpy as np
 
 from posture_opt.numerics import Array, Codes
-from posture_opt.selection.program.pose_request import PARTS, PoseRequest
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.engine import STEPS, Engine
-from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE, TOLERANCE
+from posture_opt.selection.search.inverse_kinematics import PARTS, ROW_TOLERANCE, TOLERANCE, PoseRequest
 from posture_opt.selection.search.inverse_kinematics import STEPS as IK_STEPS
-
-_STARTS_PER_SEARCH = (
-    8  # one in so many of a feature's random postures is improved, two at the least, the promising ones
-)
-
-_STEPS_AT_MANY = 20  # of a local search where placements are compared: more are taken by searches that end nowhere
 
 
 @dataclass(frozen=True)
 class StationCandidates:
-    """R postures of one station at M placements.
+    """R postures of one station at M placements."""
 
-    Args:
-        of: (R,) placement of each.
-        Q: (R, n) postures.
-        main, extra: (R,) first term and further terms of the objective.
-        sigma: (R,) largest standard deviation of the part that counts [m].
-        excess: (R,) violation of the rows, zero where they are met.
-        gap: (M,) least error of the inverse kinematics, and how far the target is off the plane of the arm.
-    """
-
-    of: Codes
-    Q: Array
-    main: Array
-    extra: Array
-    sigma: Array
-    excess: Array
-    gap: Array
+    of: Codes  # (R,) placement of each
+    Q: Array  # (R, n) postures
+    main: Array  # (R,) first term of the objective
+    extra: Array  # (R,) further terms
+    sigma: Array  # (R,) largest standard deviation of the part that counts [m]
+    excess: Array  # (R,) violation of the rows, zero where they are met
+    gap: Array  # (M,) least error of the inverse kinematics, and how far the target is off the plane of the arm
 
     def at(self, m: int) -> Codes:
-        """The feasible ones at placement m."""
+        """Feasible ones at placement m."""
         return np.flatnonzero((self.of == m) & (self.excess == 0))
 
     def best(self) -> tuple[Array, Array, Array, Array, Array]:
-        """The best at each placement: posture (M, n), and first term, further terms, σ, gap (M,) each."""
+        """Best at each placement: posture (M, n); first term, further terms, σ, gap (M,) each."""
         M, n = len(self.gap), self.Q.shape[1]
         main, extra, sigma, best = np.full(M, np.inf), np.zeros(M), np.full(M, np.inf), np.full((M, n), np.nan)
         gap = self.gap.copy()
@@ -63,27 +47,20 @@ def station_candidates(
     engine: Engine, targets: Sequence[TaskTarget], starts: int, known: Array, rng: np.random.Generator,
     branches: int = 0,
 ) -> StationCandidates:  # fmt: skip
-    """Postures of one station at M targets, from random starts and from ``known`` postures (J, n).
-
-    Args:
-        branches: how many distinct ones are wanted of each target, the known ones as they are beside them; zero for the
-            best one.
-    """
+    """Postures at M targets, random starts and ``known`` (J, n); ``branches`` distinct ones of each, 0: best."""
     count, M = starts + len(known), len(targets)
     drawn = engine.ik.random_postures(starts * M, rng).reshape(M, starts, engine.robot.n)
     begun = np.concatenate([drawn, np.broadcast_to(known, (M, *known.shape))], axis=1)
     Q, error = engine.ik.solve(begun.reshape(M * count, -1), _requests(engine, targets, count, rng), steps=IK_STEPS)
     of = np.repeat(np.arange(M), count)
-    off = off_plane(engine, targets)
+    off = _off_plane(engine, targets)
     gap = np.maximum(error.reshape(M, count).min(axis=1), off)
     arrived = (error < TOLERANCE) & (off[of] == 0)
-    if branches:
-        rows = _promising(engine, targets, Q, of, _distinct(engine, Q, of, arrived), branches)
-    else:
-        rows = _promising(engine, targets, Q, of, arrived, max(2, count // _STARTS_PER_SEARCH))
+    several = _distinct(engine, Q, of, arrived) if branches else arrived
+    rows = _promising(engine, targets, Q, of, several, branches or max(2, count // 8))
     ends, placements = np.zeros((0, engine.robot.n)), of[rows]
     if len(rows):
-        steps = STEPS if M == 1 else _STEPS_AT_MANY
+        steps = STEPS if M == 1 else 20  # more are taken by searches that end nowhere
         ends = engine.descended_each(Q[rows], targets, placements, steps).q
     if branches and len(known):
         # What the errors that stay make of a posture is not in its own optimum.
@@ -95,22 +72,21 @@ def station_candidates(
 def given_candidates(
     engine: Engine, targets: Sequence[TaskTarget], Q: Array, of: Codes, gap: Array
 ) -> StationCandidates:
-    """Postures Q (R, n) as they are, each at the target ``of`` (R,) it; ``gap`` (M,) as of `StationCandidates`."""
+    """Postures Q (R, n) as they are, each at its target ``of`` (R,)."""
     objective, main, violation, sigma = _values(engine, targets, Q, of).T
     excess = np.where(violation <= ROW_TOLERANCE, 0.0, violation)
     return StationCandidates(of, Q, main, objective - main, sigma, excess, gap)
 
 
 def _requests(engine: Engine, targets: Sequence[TaskTarget], count: int, rng: np.random.Generator) -> PoseRequest:
-    """What ``count`` starts of each target are led to."""
     rows = np.vstack([np.broadcast_to(engine.request(t, count, rng).rows, (count, PARTS[-1])) for t in targets])
     weights = engine.request(targets[0], 1, rng).weights
     position, axis, spin, _, slack, cone = np.split(rows, PARTS[1:-1], axis=1)
     return PoseRequest(position, axis, spin, weights, slack, cone)
 
 
-def off_plane(engine: Engine, targets: Sequence[TaskTarget]) -> Array:
-    """(M,) how far targets lie outside of the plane, or line, that the tool point cannot leave [m]; mostly zero."""
+def _off_plane(engine: Engine, targets: Sequence[TaskTarget]) -> Array:
+    """(M,) distance [m] of targets from the plane, or line, that the tool point cannot leave; mostly zero."""
     reach = engine.optimisation_problem.reach
     if not reach.normals.shape[1]:
         return np.zeros(len(targets))
@@ -128,7 +104,6 @@ def _distinct(engine: Engine, Q: Array, of: Codes, arrived: Array) -> Array:
 
 
 def _promising(engine: Engine, targets: Sequence[TaskTarget], Q: Array, of: Codes, arrived: Array, most: int) -> Codes:
-    """The rows to be improved: of each target those that violate least, and of these the best ones."""
     rows = np.flatnonzero(arrived)
     if not len(rows):
         return rows

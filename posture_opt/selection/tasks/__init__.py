@@ -14,15 +14,12 @@ if TYPE_CHECKING:
 
     TASKS: tuple[type[Task], ...]
 
+# The kinds of `TASKS`; a kind is the name of its file, and in capitals of its class.
 KINDS = ("insert", "drill", "probe", "measure", "trace", "weld", "dispense", "place", "hold", "custom")
-"""The kinds of `TASKS`; a kind is the name of its file, and in capitals of its class."""
 
 
 def task_class(kind: str) -> type[Task] | None:
-    """The class of a kind; None where this package has none.
-
-    Only the file of that kind is imported: the others cost a cold command some milliseconds each.
-    """
+    """The class of a kind, or None; only its file is imported, as the others cost a cold command milliseconds."""
     if kind not in KINDS:
         return None
     found: type[Task] = getattr(import_module(f"posture_opt.selection.tasks.{kind}"), kind.capitalize())
@@ -40,20 +37,15 @@ def __getattr__(name: str) -> Any:
 
 
 def known_to(kind: str | None, keys: Mapping[str, Any], tasks: Sequence[type[Task]]) -> dict[str, Any]:
-    """Those ``keys`` of a section ``task`` that a task of another kind has too; all of them where there is none.
-
-    A task named on the command line overrides that of the file; what both know stays: direction, target, clearance. A
-    key that no task knows stays too, so that it is refused by its name and not dropped in silence.
-    """
+    """The ``keys`` of a section ``task`` that another kind has too, or that no task knows: those are refused."""
     for task in tasks:
         if task.model_fields["kind"].annotation.__args__[0] == kind:  # type: ignore[union-attr]
-            return {key: value for key, value in keys.items() if key in task.model_fields or not _of_any(tasks, key)}
+            return {
+                key: value
+                for key, value in keys.items()
+                if key in task.model_fields or not any(key in task.model_fields for task in tasks)
+            }
     return dict(keys)
-
-
-def _of_any(tasks: Sequence[type[Task]], key: str) -> bool:
-    """Whether any task has such a key."""
-    return any(key in task.model_fields for task in tasks)
 
 
 __all__ = ["KINDS", "TASKS", "Criterion", "Region", "Task", "known_to", "task_class"]

@@ -6,7 +6,7 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
-from posture_opt.selection.tasks.task import Criterion, Task
+from posture_opt.selection.tasks.task import Task
 from posture_opt.uncertainty.regions.critical import Within
 
 
@@ -26,4 +26,3 @@ class Custom(Task):
     axis: Literal["aligned", "required", "free"] = Field(  # type: ignore[misc]
         "aligned", description="tool axis along the direction: where the arm can; always; or not asked for"
     )
-    criterion: Criterion = "worst"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar, Literal
 
-from posture_opt.selection.tasks.task import Criterion, Task
+from posture_opt.selection.tasks.task import Task
 from posture_opt.uncertainty.regions.critical import Within
 
 
@@ -21,4 +21,3 @@ class Drill(Task):
     direction_name: ClassVar[str] = "drilling direction"
 
     kind: Literal["drill"]
-    criterion: Criterion = "worst"

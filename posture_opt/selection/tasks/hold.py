@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar, Literal
 
-from posture_opt.selection.tasks.task import Criterion, Task
+from posture_opt.selection.tasks.task import Task
 from posture_opt.uncertainty.regions.critical import Within
 
 
@@ -20,4 +20,3 @@ class Hold(Task):
     summary: ClassVar[str] = "hold a part still: the spread in every direction counts, the tool axis is held."
 
     kind: Literal["hold"]
-    criterion: Criterion = "worst"

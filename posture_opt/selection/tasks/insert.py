@@ -8,9 +8,9 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, model_validator
 
 from posture_opt.errors import BadValueError
-from posture_opt.selection.tasks.task import Criterion, Task
+from posture_opt.selection.tasks.task import Task
 from posture_opt.uncertainty.regions.critical import Within
-from posture_opt.uncertainty.spread.held_part import HeldPart
+from posture_opt.uncertainty.spread.peg_spread import HeldPart
 from posture_opt.units import Length
 
 Positive = Annotated[Length, Field(gt=0)]
@@ -30,22 +30,15 @@ class Insert(Task):
     direction_name: ClassVar[str] = "insertion direction"
 
     kind: Literal["insert"]
-    criterion: Criterion = "worst"
     length: Positive | None = Field(None, description="of the peg: its tilt counts")
     diameter: Positive | None = Field(None, description="of the peg, for the probability of wedging")
     friction: float | None = Field(None, gt=0, description="between peg and hole, for the probability of wedging")
 
     @model_validator(mode="after")
     def _whole_peg(self) -> Insert:
-        """Whether what the file says of the peg is enough for what it asks.
-
-        Raises:
-            BadValueError: only one of diameter and friction, or either without length and clearance.
-        """
         if (self.diameter is None) != (self.friction is None):
-            raise BadValueError(
-                "diameter and friction determine the probability of wedging together", "state both or neither"
-            )
+            message = "diameter and friction determine the probability of wedging together"
+            raise BadValueError(message, "state both or neither")
         if self.diameter is not None and (self.length is None or self.clearance is None):
             raise BadValueError("wedging needs the length of the peg and the clearance of the hole", "add them")
         return self

@@ -10,9 +10,9 @@ from pydantic import BeforeValidator, Field, ValidationInfo, WithJsonSchema, fie
 
 from posture_opt.errors import BadValueError
 from posture_opt.limits import MOST_PATH_POINTS
-from posture_opt.selection.tasks.direction import Direction
 from posture_opt.selection.tasks.task import Task
-from posture_opt.selection.tasks.workpiece import Workpiece
+from posture_opt.selection.tasks.workpiece import Direction, Workpiece
+from posture_opt.uncertainty.regions.critical import Within
 from posture_opt.units import Angle, Length, parse_quantity
 
 Point = tuple[Length, Length, Length]
@@ -20,12 +20,11 @@ _APART = 1e-9  # m: points nearer to each other than this are one
 
 
 def _speed(value: object) -> object:
-    """A speed [m/s], or the word ``highest`` as it is."""
+    """A speed [m/s], or the word ``highest``."""
     return value if value == HIGHEST else parse_quantity(value, "velocity")
 
 
-HIGHEST = "highest"
-"""The speed that the joints allow."""
+HIGHEST = "highest"  # the speed that the joints allow
 Speed = Annotated[
     float | Literal["highest"],
     BeforeValidator(_speed),
@@ -60,7 +59,6 @@ class PathTask(Task):
 
     @property
     def on_path(self) -> bool:
-        """Whether there is a path to follow."""
         return self.points is not None or self.path is not None
 
     @property
@@ -70,12 +68,12 @@ class PathTask(Task):
 
     @property
     def places(self) -> tuple[Point, ...]:
-        """The points of the path, or what is done elsewhere."""
+        """The points of the path, else those of the features."""
         return super().places if self.points is None else self.tool_points
 
     @property
     def axis_request(self) -> Literal["aligned", "required", "free"]:
-        """As of the task; a path that says where the tool axis points wants it there where the arm can."""
+        """The class's ``axis``; with ``axes`` a free one is aligned where the arm can."""
         return "aligned" if self.axis == "free" and self.axes is not None else self.axis
 
     def direction_at(self, point: Point) -> Point:
@@ -99,46 +97,33 @@ class PathTask(Task):
         return self.points
 
     def with_points(self, points: tuple[Point, ...], axes: tuple[Direction, ...] | None) -> PathTask:
-        """The same task with the points [m] and tool axes that its file holds.
-
-        Raises:
-            BadValueError: a closed path that does not end where it begins.
-        """
+        """The task with the points [m] and tool axes of its file."""
         found = self.model_copy(update={"points": points, "axes": axes})
         found.check_closed()
         return found
 
     @property
     def stated_speed(self) -> float | None:
-        """Of the tool point along the path [m/s]; None where none is stated, or the highest."""
+        """Speed of the tool point along the path [m/s], or None."""
         return self.speed if isinstance(self.speed, float) else None
 
     def check_closed(self) -> None:
-        """Refuse a closed path that does not end where it begins, with the tool axis that it begins with.
-
-        Raises:
-            BadValueError: it does not.
-        """
+        """Refuse a closed path with another end than its beginning."""
         if not self.closed or self.points is None:
             return
         gap = math.dist(self.points[0], self.points[-1])
         if gap > _APART:
-            raise BadValueError(
-                f"the path is closed, and its last point is {gap * 1e3:.4g} mm from the first one",
-                "add the first point as the last one too",
-            )
+            message = f"the path is closed, and its last point is {gap * 1e3:.4g} mm from the first one"
+            raise BadValueError(message, "add the first point as the last one too")
         if math.dist(self.unit_axes[0], self.unit_axes[-1]) > _APART:
-            raise BadValueError(
-                "the path is closed, and the tool axis at its end is not that at its beginning",
-                "give the first axis as the last one too",
-            )
+            message = "the path is closed, and the tool axis at its end is not that at its beginning"
+            raise BadValueError(message, "give the first axis as the last one too")
         if len(self.points) < 3:
             raise BadValueError("a closed path has at least two different points", "add points")
 
     @field_validator("points", mode="before")
     @classmethod
     def _not_too_many(cls, points: object) -> object:
-        """The points as they are, before any of them is read, unless they are too many."""
         if isinstance(points, list | tuple):
             MOST_PATH_POINTS.check(len(points))
         return points
@@ -146,7 +131,6 @@ class PathTask(Task):
     @field_validator("points", mode="after")
     @classmethod
     def _distinct_points(cls, points: tuple[Point, ...] | None, info: ValidationInfo) -> tuple[Point, ...] | None:
-        """The points, at least two, none of which repeats the one before: a path has a tangent everywhere."""
         if points is not None:
             if len(points) < 2:
                 raise BadValueError("a path has at least two points", "add points, or give the point as position")
@@ -157,7 +141,6 @@ class PathTask(Task):
     @model_validator(mode="before")
     @classmethod
     def _one_path(cls, data: object) -> object:
-        """The section as it is, where the target is stated in one way."""
         if isinstance(data, dict):
             given = [key for key in ("path", "points", "position", "region", "features") if data.get(key)]
             if len(given) > 1 and given[0] in ("path", "points"):
@@ -174,21 +157,16 @@ class PathTask(Task):
 
     @model_validator(mode="after")
     def _keys_of_a_path(self) -> PathTask:
-        """The task as it is, unless it says how to follow a path and has none, or is closed and ends elsewhere."""
         if (self.closed or self.speed is not None) and not self.on_path:
-            raise BadValueError(
-                "closed and speed belong to a path, and none is given", "add points: [[…], …] or path: FILE.csv"
-            )
+            hint = "add points: [[…], …] or path: FILE.csv"
+            raise BadValueError("closed and speed belong to a path, and none is given", hint)
         return self
 
     @model_validator(mode="after")
     def _axes_belong_to_points(self) -> PathTask:
-        """The task as it is, where there is one axis for each point."""
         if self.axes is not None and (self.points is None or len(self.axes) != len(self.points)):
-            raise BadValueError(
-                f"{len(self.axes)} axes for {len(self.points or ())} points",
-                "give one axis [dx, dy, dz] for each point",
-            )
+            message = f"{len(self.axes)} axes for {len(self.points or ())} points"
+            raise BadValueError(message, "give one axis [dx, dy, dz] for each point")
         self.check_closed()
         return self
 
@@ -204,3 +182,36 @@ def _distance(point: Point, a: Point, b: Point) -> float:
 def repeated(points: tuple[Point, ...]) -> list[int]:
     """Points (their numbers from 0) that the next one repeats, closer than 1e-9 m."""
     return [k for k, (a, b) in enumerate(pairwise(points)) if math.dist(a, b) < _APART]
+
+
+class SeamTask(PathTask):
+    """A path with the tool axis along its own axes, or along ``direction`` where it states none, within the tilt.
+
+    The spread counts across the travel, sideways and in the distance from the seam alike: both change the bead.
+    """
+
+    within: ClassVar[Within] = "across"
+    axis: ClassVar[Literal["aligned", "required", "free"]] = "aligned"
+
+    standoff: Annotated[Length, Field(ge=0)] = Field(
+        0.0, description="distance of the tool point from the path, against the direction"
+    )
+
+    @property
+    def tool_points(self) -> tuple[Point, ...]:
+        """Where the tool point goes: off the seam by the stand-off, against the tool axis."""
+        points = super().tool_points
+        if not self.standoff:
+            return points
+        axes = self.unit_axes
+        return tuple(
+            (x - self.standoff * dx, y - self.standoff * dy, z - self.standoff * dz)
+            for (x, y, z), (dx, dy, dz) in zip(points, axes, strict=True)
+        )
+
+    @model_validator(mode="after")
+    def _needs_a_seam(self) -> SeamTask:
+        if not self.on_path:
+            hint = "add path: seam.csv, or points: [[0.5 m, 0 m, 0.1 m], [0.6 m, 0 m, 0.1 m]]"
+            raise BadValueError(f"{self.kind} follows a seam and none is given", hint)
+        return self

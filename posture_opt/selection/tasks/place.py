@@ -12,8 +12,6 @@ from posture_opt.selection.tasks.task import Criterion, Task
 from posture_opt.uncertainty.regions.critical import Within
 from posture_opt.units import Angle, Length
 
-_UPRIGHT = 1e-9  # sine of what a vertical direction may lean by
-
 
 class Place(Task):
     """Putting a part down along ``direction``: the mean square distance across it is made small.
@@ -40,7 +38,7 @@ class Place(Task):
     def _yaw_is_about_the_vertical(self) -> Place:
         if self.yaw is None:
             return self
-        upright = math.hypot(*self.direction[:2]) < _UPRIGHT * math.hypot(*self.direction)
+        upright = math.hypot(*self.direction[:2]) < 1e-9 * math.hypot(*self.direction)
         if not upright or math.hypot(*self.tool_axis[:2]) > 0:
             hint = "direction: [0, 0, -1] and tool_axis: [0, 0, 1], or leave out the yaw"
             raise BadValueError("a yaw is one about the vertical, along direction and tool axis", hint)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar, Literal
 
-from posture_opt.selection.tasks.task import Criterion, Task
+from posture_opt.selection.tasks.task import Task
 from posture_opt.uncertainty.regions.critical import Within
 
 
@@ -17,4 +17,3 @@ class Probe(Task):
     direction_name: ClassVar[str] = "probing direction"
 
     kind: Literal["probe"]
-    criterion: Criterion = "worst"

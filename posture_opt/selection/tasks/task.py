@@ -14,12 +14,11 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from posture_opt.errors import BadValueError
 from posture_opt.robot.robot import Robot
-from posture_opt.selection.tasks.direction import Direction
-from posture_opt.selection.tasks.workpiece import Combine, Features, Workpiece
+from posture_opt.selection.tasks.workpiece import Combine, Direction, Features, Workpiece
 from posture_opt.selection.terms import TermSpec
 from posture_opt.spec import Spec
 from posture_opt.uncertainty.regions.critical import Within
-from posture_opt.uncertainty.spread.held_part import HeldPart
+from posture_opt.uncertainty.spread.peg_spread import HeldPart
 from posture_opt.units import Angle, Celsius, Length, Mass, Time
 
 Criterion = Annotated[
@@ -39,7 +38,6 @@ class Region(Spec):
 
     @model_validator(mode="after")
     def _ordered(self) -> Region:
-        """The box as it is, unless a minimum is above its maximum."""
         for axis, low, high in zip("xyz", self.min, self.max, strict=True):
             if low > high:
                 raise BadValueError(f"the box is empty: min {low:g} m is above max {high:g} m in {axis}", "swap them")
@@ -169,76 +167,52 @@ class Task(Spec):
     @field_validator("position", mode="before")
     @classmethod
     def _three(cls, value: object, info: ValidationInfo) -> object:
-        """The position as it was given, with three entries: pydantic's own message does not say what to write."""
         if isinstance(value, list | tuple) and len(value) != 3:
-            raise BadValueError(
-                f"a position has three coordinates, {len(value)} are given", "write [0.6 m, 0.2 m, 0.1 m]"
-            )
+            message = f"a position has three coordinates, {len(value)} are given"
+            raise BadValueError(message, "write [0.6 m, 0.2 m, 0.1 m]")
         return value
 
     @model_validator(mode="after")
     def _one_target(self) -> Task:
-        """The task as it is, where target and criterion fit each other.
-
-        Raises:
-            BadValueError: two targets, a probability without a clearance or without a hole, or nothing to minimise.
-        """
         if self.position is not None and self.region is not None:
             raise BadValueError("position and region are both given", "keep one of them")
         if self.criterion == "miss" and not self._all_have_clearance:
             raise BadValueError("criterion miss needs the clearance of the hole", "add for example clearance: 0.2 mm")
         if self.criterion == "none" and not self.minimize:
-            raise BadValueError(
-                "criterion none leaves nothing to minimise", "add for example minimize: [{kind: manipulability}]"
-            )
+            hint = "add for example minimize: [{kind: manipulability}]"
+            raise BadValueError("criterion none leaves nothing to minimise", hint)
         if self.criterion == "miss" and self.within == "all":
             raise BadValueError(f"criterion miss asks about a hole and task {self.kind} has none", "use worst or trace")
         return self
 
     @model_validator(mode="after")
     def _parts_of_a_workpiece(self) -> Task:
-        """The task as it is, where workpiece, features and ``combine`` fit each other.
-
-        Raises:
-            BadValueError: an empty list of features, features beside another target, a workpiece without features, or
-                ``combine`` without them.
-        """
         if "features" in self.model_fields_set and not self.features:
             raise BadValueError("features is an empty list", "name the places, or leave the key out")
         if self.features and (self.position is not None or self.region is not None):
             word = "position" if self.position is not None else "region"
             raise BadValueError(f"features and {word} are both given", "keep one of them: features have positions")
         if self.workpiece is not None and not self.on_workpiece:
-            raise BadValueError(
-                "the workpiece has neither features nor a path",
-                "add features: [{name: hole 1, position: [30 mm, 0 m, 0 m]}]",
-            )
+            hint = "add features: [{name: hole 1, position: [30 mm, 0 m, 0 m]}]"
+            raise BadValueError("the workpiece has neither features nor a path", hint)
         if "combine" in self.model_fields_set and not self.features:
             raise BadValueError("combine says how features count together and there are none", "add features: [...]")
         return self._combinable()
 
     def _combinable(self) -> Task:
-        """The same task, where what it makes small of each feature can be combined as it says.
-
-        Raises:
-            BadValueError: a joint probability of a task without hole, with a peg, or without a clearance at some
-                feature.
-        """
         if self.combine == "success":
             if self.within == "all":
                 raise BadValueError(f"task {self.kind} has no hole to succeed at", "use combine: worst or mean")
             if self.part is not None:
-                raise BadValueError(
-                    "combine: success does not know the length of a peg", "use combine: worst, or leave out the length"
-                )
+                hint = "use combine: worst, or leave out the length"
+                raise BadValueError("combine: success does not know the length of a peg", hint)
             if not self._all_have_clearance:
                 bare = next(feature.name for feature in self.features if feature.clearance is None)
                 hint = "add for example clearance: 0.2 mm to the task, or to every feature"
                 raise BadValueError(f"combine: success needs a clearance, and '{bare}' has none", hint)
             if "criterion" in self.model_fields_set and self.criterion != "miss":
-                raise BadValueError(
-                    f"combine: success makes no use of criterion: {self.criterion}", "leave the criterion out"
-                )
+                message = f"combine: success makes no use of criterion: {self.criterion}"
+                raise BadValueError(message, "leave the criterion out")
         if self.combine == "mean" and self.criterion == "miss":
             raise BadValueError("probabilities to miss have no mean that matters", "write combine: success instead")
         return self
@@ -250,7 +224,6 @@ class Task(Spec):
 
     @property
     def _all_have_clearance(self) -> bool:
-        """Whether a clearance is known wherever the task is done."""
         if self.clearance is not None:
             return True
         return bool(self.features) and all(feature.clearance is not None for feature in self.features)

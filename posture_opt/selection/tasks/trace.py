@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import ClassVar, Literal
 
 from posture_opt.selection.tasks.path_task import PathTask
-from posture_opt.selection.tasks.task import Criterion
 from posture_opt.uncertainty.regions.critical import Within
 
 
@@ -21,4 +20,3 @@ class Trace(PathTask):
     summary: ClassVar[str] = "follow a line: the spread across the direction of travel counts, the tool axis is free."
 
     kind: Literal["trace"]
-    criterion: Criterion = "worst"

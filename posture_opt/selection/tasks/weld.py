@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar, Literal
 
-from posture_opt.selection.tasks.seam_task import SeamTask
-from posture_opt.selection.tasks.task import Criterion
+from posture_opt.selection.tasks.path_task import SeamTask
 
 
 class Weld(SeamTask):
@@ -17,4 +16,3 @@ class Weld(SeamTask):
     summary: ClassVar[str] = "weld a seam: the spread across it, height included, counts; tool axis held, stand-off."
 
     kind: Literal["weld"]
-    criterion: Criterion = "worst"

@@ -15,17 +15,15 @@ from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema, mod
 from posture_opt.collision.obstacles.mesh import DEFAULT_BOXES, BoxCount, Mesh, MeshUnit
 from posture_opt.errors import BadValueError
 from posture_opt.limits import MOST_FEATURES
-from posture_opt.selection.tasks.direction import Direction
 from posture_opt.spec import Spec
 from posture_opt.units import DIMENSIONS, Length, parse_quantity
 
+# The largest spread of the features, their mean, or the probability that all of them succeed.
 Combine = Literal["worst", "mean", "success"]
-"""The largest spread of the features, their mean, or the probability that all of them succeed."""
 
 Point = tuple[float, float, float]
 
-WORKPIECE = "workpiece"
-"""Name of the part in reports and pictures."""
+WORKPIECE = "workpiece"  # name of the part in reports and pictures
 
 
 def _span(dimension: str) -> Any:
@@ -37,15 +35,12 @@ def _span(dimension: str) -> Any:
             fixed = parse_quantity(value, dimension)
             return fixed, fixed
         if len(value) != 2:
-            raise BadValueError(
-                f"a range has two ends, {len(value)} {'is' if len(value) == 1 else 'are'} given",
-                f"write one value, which is fixed, or [least, most], for example [-{example}, {example}]",
-            )
+            given = f"{len(value)} {'is' if len(value) == 1 else 'are'} given"
+            hint = f"write one value, or [least, most], for example [-{example}, {example}]"
+            raise BadValueError(f"a range has two ends, {given}", hint)
         low, high = (parse_quantity(end, dimension) for end in value)
         if low > high:
-            raise BadValueError(
-                f"the range [{value[0]}, {value[1]}] is empty: its least is above its most", "swap them"
-            )
+            raise BadValueError(f"the range [{value[0]}, {value[1]}] is empty: least above most", "swap them")
         return low, high
 
     text = {"type": "string", "description": f"{dimension} with its unit", "examples": [example]}
@@ -81,11 +76,6 @@ class Workpiece(Spec):
 
     @model_validator(mode="after")
     def _with_unit(self) -> Workpiece:
-        """The workpiece as it is, where its file has a unit.
-
-        Raises:
-            BadValueError: a file without a unit, or a unit without a file.
-        """
         if self.file is not None and self.unit is None:
             raise BadValueError("the unit of the lengths in the file is missing", "add unit: mm")
         if self.file is None and self.unit is not None:
@@ -93,18 +83,13 @@ class Workpiece(Spec):
         return self
 
     def in_folder(self, folder: Path) -> Workpiece:
-        """The same workpiece with the whole path of its file, which is read.
-
-        Raises:
-            InputError: as of an obstacle of kind mesh.
-        """
+        """The workpiece with the whole path of its file, which is read."""
         if self.file is None:
             return self
         return self.model_copy(update={"file": self._mesh(self.lower).in_folder(folder).file})
 
     @property
     def fixed(self) -> bool:
-        """Whether its place is stated, and not found."""
         return self.lower == self.upper
 
     @property
@@ -122,7 +107,7 @@ class Workpiece(Spec):
         return (f"{solid.note}{where}",)
 
     def solid(self, w: Sequence[float]) -> Mesh | None:
-        """The part as an obstacle where it stands at w = (x, y, z [m], yaw [rad]); None where it has no file."""
+        """The part as an obstacle at w = (x, y, z [m], yaw [rad]), or None without a file."""
         return None if self.file is None else self._mesh(w)
 
     def _mesh(self, w: Sequence[float]) -> Mesh:
@@ -161,11 +146,6 @@ class Feature(Spec):
 
 
 def _distinct(features: tuple[Feature, ...]) -> tuple[Feature, ...]:
-    """The features, each with a name of its own and no more than were tried.
-
-    Raises:
-        BadValueError: two of one name, or too many.
-    """
     names = [feature.name for feature in features]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
@@ -175,3 +155,12 @@ def _distinct(features: tuple[Feature, ...]) -> tuple[Feature, ...]:
 
 
 Features = Annotated[tuple[Feature, ...], AfterValidator(_distinct)]
+
+
+def _nonzero(vector: tuple[float, float, float]) -> tuple[float, float, float]:
+    if math.hypot(*vector) < 1e-12:
+        raise BadValueError("a direction of length zero points nowhere", "write for example [0, 0, -1]")
+    return vector
+
+
+Direction = Annotated[tuple[float, float, float], AfterValidator(_nonzero)]

@@ -14,18 +14,12 @@ import casadi as ca
 # Eigenvalues are not smooth where two coincide; this fraction of the trace rounds the corner off and costs the
 # optimum less than 1e-4 of its variance.
 _ROUNDING = 1e-4
-_NODES = 48  # directions: the logarithm is right to 1e-6 for axes of up to 1 : 30
-_NODES_IN_SPACE = 192  # directions: the logarithm is right to 0.05 where one in a thousand misses
 
 
 def eigenvalues(C: ca.SX) -> list[ca.SX]:
     """Eigenvalues of a symmetric (m, m) matrix, m ≤ 3, ascending, rounded where they meet.
 
-    For m = 2, with mean t = (c₁₁ + c₂₂)/2 and ε the rounding,
-
-        λ = t ± sqrt(((c₁₁ − c₂₂)/2)² + c₁₂² + (ε t)²)
-
-    so that the larger one is too large by at most ε t, and by ε² t²/(2 r) where the axes differ by 2 r.
+    For m = 2, mean t and rounding ε: ``λ = t ± sqrt(((c₁₁ − c₂₂)/2)² + c₁₂² + (ε t)²)``, too large by at most ε t.
     """
     m = C.shape[0]
     if m == 1:
@@ -38,10 +32,8 @@ def eigenvalues(C: ca.SX) -> list[ca.SX]:
 
 
 def worst_across(C: ca.SX, axis: ca.SX) -> ca.SX:
-    """Largest eigenvalue [m²] of a symmetric (3, 3) matrix across a unit vector (3,), by trace and determinant there.
-
-    With P = I − a aᵀ the two eigenvalues of P C P that are not zero have the sum ``tr C − aᵀ C a`` and the product
-    ``aᵀ adj(C) a``. No basis across the vector is needed, so that nothing depends on how one would be turned about it.
+    """Largest eigenvalue [m²] of C (3, 3) across a unit vector a: those of ``P C P``, ``P = I − a aᵀ``, have the sum
+    ``tr C − aᵀ C a`` and the product ``aᵀ adj(C) a``; no basis across a is needed.
     """
     mean = (ca.trace(C) - ca.dot(axis, C @ axis)) / 2
     columns = [C[:, k] for k in range(3)]
@@ -50,12 +42,7 @@ def worst_across(C: ca.SX, axis: ca.SX) -> ca.SX:
 
 
 def _eigenvalues_3(C: ca.SX) -> list[ca.SX]:
-    """The eigenvalues of a symmetric (3, 3) matrix, ascending.
-
-    Trigonometric solution of the characteristic equation (Smith 1961): ``λ_k = t + 2 p cos(θ + 2πk/3)`` with the mean
-    t, ``6 p² = ‖C − t I‖²`` and ``cos 3θ = det(C − t I)/(2 p³)``. The argument of the arccosine stays 1e-9 inside of
-    ±1, where its slope is infinite.
-    """
+    """``λ_k = t + 2 p cos(θ + 2πk/3)``, ``6 p² = ‖C − t I‖²``, ``cos 3θ = det(C − t I)/(2 p³)`` (Smith 1961)."""
     mean = ca.trace(C) / 3
     D = C - mean * ca.SX.eye(3)
     p = ca.sqrt(ca.sumsqr(D) / 6 + (_ROUNDING * mean) ** 2)
@@ -75,10 +62,7 @@ def worst(C: ca.SX) -> ca.SX:
 
 
 def largest(variances: Sequence[ca.SX]) -> ca.SX:
-    """The largest of some variances [m²], rounded where they are equal, as eigenvalues are.
-
-    They are taken two by two as the eigenvalues of a diagonal matrix: the rounding is that of the criteria themselves.
-    """
+    """The largest of some variances [m²], two by two the rounded eigenvalues of a diagonal matrix."""
     found = variances[0]
     for other in variances[1:]:
         found = eigenvalues(ca.diag(ca.vertcat(found, other)))[-1]
@@ -91,11 +75,7 @@ def trace(C: ca.SX) -> ca.SX:
 
 
 def area(C: ca.SX) -> ca.SX:
-    """``det(C)^(1/m)`` [m²]: the squared mean radius of the ellipse (or ellipsoid) of that area (or volume).
-
-    The root keeps the unit of a variance for m = 1, 2 and 3. At a singular posture the determinant is zero and its
-    root has no slope: ``(ε tr C/m)^m`` is added to it.
-    """
+    """``det(C)^(1/m)`` [m²]; ``(ε tr C/m)^m`` is added, as the root has no slope at a singular posture."""
     m = C.shape[0]
     if m == 1:
         return C[0, 0]
@@ -106,17 +86,11 @@ def area(C: ca.SX) -> ca.SX:
 
 
 def log_miss(C: ca.SX, bias: ca.SX, clearance: ca.SX) -> ca.SX:
-    """Logarithm of the probability that a Gaussian point lies farther than ``clearance`` from the target.
+    """Logarithm of the probability that a Gaussian point, covariance C (m, m) [m²], mean ``bias`` (m,) [m], misses.
 
-    With ``x = b + ρ L u(φ)``, L Lᵀ = C, the point leaves the circle of radius c at ``ρ*(φ)``, and ``P = (1/2π) ∫
-    exp(−ρ*²/2) dφ``; the periodic trapezoid rule converges exponentially. The logarithm keeps a slope where P itself
-    is 1e-30. The bias must be smaller than the clearance. In space the mean is one over the sphere of directions, and
-    ``exp(−ρ*²/2)`` becomes ``erfc(ρ*/√2) + √(2/π) ρ* exp(−ρ*²/2)``.
-
-    Args:
-        C: (m, m) covariance of the part that counts [m²], m = 1 (an interval), 2 (a circle) or 3 (a ball).
-        bias: (m,) mean of the error [m].
-        clearance: radial play c [m].
+    With ``x = b + ρ L u(φ)``, L Lᵀ = C, it leaves the circle of radius c = ``clearance`` [m] at ``ρ*(φ)``:
+    ``P = (1/2π) ∫ exp(−ρ*²/2) dφ``; the periodic trapezoid rule converges exponentially. In space ``exp(−ρ*²/2)``
+    becomes ``erfc(ρ*/√2) + √(2/π) ρ* exp(−ρ*²/2)``. |bias| < clearance.
     """
     m = C.shape[0]
     if m == 1:
@@ -134,7 +108,6 @@ def log_miss(C: ca.SX, bias: ca.SX, clearance: ca.SX) -> ca.SX:
 
 
 def _lower_root(C: ca.SX) -> ca.SX:
-    """The lower triangular L with L Lᵀ = C, of which a trillionth of the trace is added to the diagonal."""
     m, tiny = C.shape[0], 1e-12 * ca.trace(C)
     L = ca.SX(m, m)
     for i in range(m):
@@ -145,18 +118,14 @@ def _lower_root(C: ca.SX) -> ca.SX:
 
 
 def _circle() -> list[list[float]]:
-    """Directions in the plane, evenly spread."""
-    turns = (2 * math.pi * k / _NODES for k in range(_NODES))
+    turns = (2 * math.pi * k / 48 for k in range(48))  # 48: the logarithm is right to 1e-6 for axes up to 1 : 30
     return [[math.cos(turn), math.sin(turn)] for turn in turns]
 
 
 def _sphere() -> list[list[float]]:
-    """Directions in space, evenly spread: a spiral of equal areas.
-
-    Source: R. Swinbank and R. J. Purser, Q. J. R. Meteorol. Soc. 132 (2006) 1769.
-    """
+    """A spiral of equal areas (R. Swinbank and R. J. Purser, Q. J. R. Meteorol. Soc. 132 (2006) 1769)."""
     golden = math.pi * (3 - math.sqrt(5))
-    heights = [1 - (2 * k + 1) / _NODES_IN_SPACE for k in range(_NODES_IN_SPACE)]
+    heights = [1 - (2 * k + 1) / 192 for k in range(192)]  # right to 0.05 where one in a thousand misses
     across = [math.sqrt(1 - z * z) for z in heights]
     return [
         [r * math.cos(golden * k), r * math.sin(golden * k), z]
@@ -165,10 +134,7 @@ def _sphere() -> list[list[float]]:
 
 
 def _log_tail(*distances: ca.SX) -> ca.SX:
-    """Logarithm of the mean of two Gaussian tails ``Q(z) = erfc(z/√2)/2``.
-
-    By a form that keeps a slope far out, where the tails themselves are smaller than the least positive float.
-    """
+    """Logarithm of the mean of two Gaussian tails ``Q(z) = erfc(z/√2)/2``, with a slope far out."""
     terms = []
     for z in distances:
         terms.append(-(z**2) / 2 + ca.log(_scaled_erfc(z) / 2))
@@ -176,9 +142,6 @@ def _log_tail(*distances: ca.SX) -> ca.SX:
 
 
 def _scaled_erfc(z: ca.SX) -> ca.SX:
-    """``exp(z²/2) erfc(z/√2)``, by Abramowitz and Stegun (1964) 7.1.26: within 1 % up to z = 8, 7 % at z = 20.
-
-    Enough to be led by; the probability that is reported is computed elsewhere, to 1e-12.
-    """
+    """``exp(z²/2) erfc(z/√2)``: Abramowitz and Stegun (1964) 7.1.26, within 1 % to z = 8, 7 % at 20: to be led by."""
     t = 1 / (1 + 0.3275911 * z / math.sqrt(2))
     return t * (0.254829592 + t * (-0.284496736 + t * (1.421413741 + t * (-1.453152027 + t * 1.061405429))))

@@ -9,8 +9,7 @@ from pydantic import Field
 
 from posture_opt.errors import BadValueError
 from posture_opt.robot.robot import Robot
-from posture_opt.selection.terms.joint_bounds import joint_values
-from posture_opt.selection.terms.term import Quantities, Stated, Term
+from posture_opt.selection.terms.term import Quantities, Stated, Term, joint_values
 from posture_opt.units import JointValue
 
 
@@ -53,6 +52,3 @@ class FixedJoints(Term):
 
     def stated(self) -> list[Stated]:
         return [Stated(given.value, given.value, given.unit, name) for name, given in self.values.items()]
-
-    def scale(self, at: Quantities) -> float:
-        return 1.0

@@ -14,8 +14,7 @@ from pydantic import Field
 from posture_opt.errors import BadValueError
 from posture_opt.model.arm_state import ArmState
 from posture_opt.robot.robot import Robot
-from posture_opt.selection.terms.joint_bounds import joints_named
-from posture_opt.selection.terms.term import Quantities, Stated, Term
+from posture_opt.selection.terms.term import Quantities, Stated, Term, joints_named
 from posture_opt.units import Torque
 
 Bound = Annotated[Torque, Field(gt=0)]
@@ -44,9 +43,8 @@ class JointTorque(Term):
             raise BadValueError(message, "add mass: 2.5 kg and com: [0 m, 0 m, 0 m] to the joints")
         for index in joints_named(self.at_most, robot) if isinstance(self.at_most, dict) else ():
             if robot.joints[index].type == "prismatic":
-                raise BadValueError(
-                    f"{robot.joints[index].name} is prismatic: it bears a force and no torque", "leave it out"
-                )
+                name = robot.joints[index].name
+                raise BadValueError(f"{name} is prismatic: it bears a force and no torque", "leave it out")
 
     def for_robot(self, robot: Robot, bounded: bool) -> JointTorque:
         """Without a bound of its own, each joint is bounded by its drive: ``effort`` in ``<limit>`` of a URDF."""
@@ -68,13 +66,12 @@ class JointTorque(Term):
         return -most, most
 
     def _joints(self, robot: Robot) -> list[int]:
-        """The joints whose torque is bounded or minimised: those named, else all that turn."""
         if isinstance(self.at_most, dict):
             return joints_named(self.at_most, robot)
         return [k for k, joint in enumerate(robot.joints) if joint.type == "revolute"]
 
     def _each(self) -> list[float]:
-        """The bounds [N m] of the named joints in the order of the file; none where one bound holds for all."""
+        """Bounds [N m] of the named joints in file order; empty for one bound of all."""
         return list(self.at_most.values()) if isinstance(self.at_most, dict) else []
 
     def bounds_of(self, at: Quantities) -> list[tuple[float, float]]:

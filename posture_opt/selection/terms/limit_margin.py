@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from typing import ClassVar, Literal
 
 import casadi as ca
 from pydantic import Field
 
-from posture_opt.selection.terms.term import BoundedTerm, Quantities
+from posture_opt.selection.terms.term import LowerBoundedTerm, Quantities
 from posture_opt.units import Angle
 
 
-class LimitMargin(BoundedTerm):
+class LimitMargin(LowerBoundedTerm):
     """Distance of every revolute joint from its limits [rad]: ``q_i − lower_i`` and ``upper_i − q_i``.
 
     Each side is a row of its own, as the smaller of the two is not smooth. In ``subject_to`` both are at least
@@ -36,9 +35,3 @@ class LimitMargin(BoundedTerm):
     def labels(self, at: Quantities) -> list[str]:
         names = [joint.name for joint in at.robot.joints if joint.type == "revolute"]
         return [f"limit_margin of {name} ({side} limit)" for name in names for side in ("lower", "upper")]
-
-    def bounds(self) -> tuple[float, float]:
-        return self.at_least, math.inf
-
-    def scale(self, at: Quantities) -> float:
-        return 1.0

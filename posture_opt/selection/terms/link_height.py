@@ -5,17 +5,16 @@ A cheap stand-in for an obstacle, for arms whose shape is not known: it looks at
 
 from __future__ import annotations
 
-import math
 from typing import ClassVar, Literal
 
 import casadi as ca
 from pydantic import Field
 
-from posture_opt.selection.terms.term import BoundedTerm, Quantities
+from posture_opt.selection.terms.term import LowerBoundedTerm, Quantities
 from posture_opt.units import Length
 
 
-class LinkHeight(BoundedTerm):
+class LinkHeight(LowerBoundedTerm):
     """Height (z in the world) of the end of every link that a joint can raise [m]; the tool point is not among them.
 
     The end of link i is the origin of the frame behind joint i, ``T_world_i[2, 3]``. Links are taken as lines without
@@ -24,6 +23,7 @@ class LinkHeight(BoundedTerm):
 
     summary: ClassVar[str] = "height (world z) of the end of every link (at_least)"
     unit: ClassVar[str] = "m"
+    size: ClassVar[float] = 0.1
 
     keeps_clear: ClassVar[bool] = True
 
@@ -37,13 +37,4 @@ class LinkHeight(BoundedTerm):
         return [f"link_height behind {at.robot.joints[k].name}" for k in self._moving(at)]
 
     def _moving(self, at: Quantities) -> list[int]:
-        """Indices of the links whose end a joint can raise: what no joint moves, the shoulder on its column, is as high
-        as it was built.
-        """
         return [k for k in range(at.frames.shape[1]) if ca.depends_on(at.frames[2, k], at.q)]
-
-    def bounds(self) -> tuple[float, float]:
-        return self.at_least, math.inf
-
-    def scale(self, at: Quantities) -> float:
-        return 0.1

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from typing import ClassVar, Literal
 
 import casadi as ca
 from pydantic import Field
 
 from posture_opt.selection.terms import criteria
-from posture_opt.selection.terms.term import BoundedTerm, Quantities
+from posture_opt.selection.terms.term import LowerBoundedTerm, Quantities
 from posture_opt.units import Length
 
 
-class Manipulability(BoundedTerm):
+class Manipulability(LowerBoundedTerm):
     """Geometric mean ``det(J Jᵀ)^(1/2r)`` [m/rad] of the r singular values of the position Jacobian J (r, n).
 
     T. Yoshikawa, Int. J. Robotics Research 4 (1985) 3, eq. 6, is its r-th power, whose unit depends on the arm. In
@@ -23,6 +22,7 @@ class Manipulability(BoundedTerm):
 
     summary: ClassVar[str] = "geometric mean of the singular values of the position Jacobian, m per rad (at_least)"
     unit: ClassVar[str] = "m/rad"
+    size: ClassVar[float] = 0.1
 
     kind: Literal["manipulability"]
     at_least: Length = Field(0.0, description="geometric mean of the singular values, as a length per rad")
@@ -33,10 +33,4 @@ class Manipulability(BoundedTerm):
         return ca.sqrt(criteria.area(at.jacobian @ at.jacobian.T))
 
     def cost(self, at: Quantities) -> ca.SX:
-        return ca.sumsqr(self.scale(at) / self.quantity(at))
-
-    def bounds(self) -> tuple[float, float]:
-        return self.at_least, math.inf
-
-    def scale(self, at: Quantities) -> float:
-        return 0.1
+        return ca.sumsqr(self.size / self.quantity(at))

@@ -13,12 +13,11 @@ from pydantic import Field, model_validator
 
 from posture_opt.errors import BadValueError, one_of
 from posture_opt.robot.robot import Robot
-from posture_opt.selection.terms.joint_bounds import joint_values
-from posture_opt.selection.terms.term import BoundedTerm, Quantities, Stated
+from posture_opt.selection.terms.term import Quantities, Stated, Term, joint_values
 from posture_opt.units import Angle, JointQuantity, JointValue
 
 
-class NearPosture(BoundedTerm):
+class NearPosture(Term):
     """Root mean square difference of the named joints from ``posture`` [rad], or the difference of each of them.
 
     In the mean the stroke of a prismatic joint counts as the angle that moves the tool of the stretched arm as far:
@@ -46,7 +45,6 @@ class NearPosture(BoundedTerm):
         return self
 
     def _each(self) -> dict[str, JointQuantity]:
-        """The bounds of the named joints, each with its unit; none where one bound holds for the mean."""
         return self.at_most if isinstance(self.at_most, dict) else {}
 
     def for_robot(self, robot: Robot, bounded: bool) -> NearPosture:
@@ -66,11 +64,7 @@ class NearPosture(BoundedTerm):
                 raise BadValueError(f"{name} has a bound and no value in the posture", "leave its bound out")
 
     def _wanted(self, robot: Robot) -> dict[int, float]:
-        """Index of each joint that counts -> its value [rad or m].
-
-        Raises:
-            BadValueError: joints that the robot lacks, or a name that none of its postures has.
-        """
+        """Index of each joint that counts -> its value [rad or m]."""
         if isinstance(self.posture, str):
             names = [name for name, _ in robot.named_postures]
             message = f"the robot has no posture called '{self.posture}'"
@@ -88,11 +82,7 @@ class NearPosture(BoundedTerm):
 
     @staticmethod
     def _distance(at: Quantities, wanted: dict[int, float]) -> ca.SX:
-        """The root mean square of the differences, ``sqrt(Σ ((q_i − w_i)/s_i)² / k)`` [rad].
-
-        With s = 1 for a revolute joint and the arm's length [m] for a slide. The 1e-12 under the root keeps it
-        differentiable at the posture itself.
-        """
+        """``sqrt(Σ ((q_i − w_i)/s_i)² / k)`` [rad], s the arm's length [m] of a slide, else 1; rounded at 0."""
         sizes = {"revolute": 1.0, "prismatic": max(at.robot.length, 1e-3)}
         differences = [(at.q[k] - value) / sizes[at.robot.joints[k].type] for k, value in wanted.items()]
         return ca.sqrt(ca.sumsqr(ca.vertcat(*differences)) / len(differences) + 1e-12)
@@ -116,6 +106,3 @@ class NearPosture(BoundedTerm):
 
     def stated(self) -> list[Stated]:
         return [Stated(-math.inf, m.value, m.unit, name) for name, m in self._each().items()] or super().stated()
-
-    def scale(self, at: Quantities) -> float:
-        return 1.0

@@ -11,8 +11,7 @@ import casadi as ca
 from pydantic import Field
 
 from posture_opt.selection.terms import criteria
-from posture_opt.selection.terms.standard_deviation import StandardDeviationTerm
-from posture_opt.selection.terms.term import Quantities
+from posture_opt.selection.terms.term import Quantities, StandardDeviationTerm
 from posture_opt.units import Angle
 
 Rotation = Literal["tilt", "spin", "all"]

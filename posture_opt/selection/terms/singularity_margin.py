@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from typing import ClassVar, Literal
 
 import casadi as ca
 from pydantic import Field
 
 from posture_opt.selection.terms import criteria
-from posture_opt.selection.terms.term import BoundedTerm, Quantities
+from posture_opt.selection.terms.term import LowerBoundedTerm, Quantities
 from posture_opt.units import Length
 
 
-class SingularityMargin(BoundedTerm):
+class SingularityMargin(LowerBoundedTerm):
     """Smallest singular value σ_min(J) [m/rad] of the tool point's Jacobian J (r, n), written as a length per radian.
 
     It is the shortest semi-axis of the velocities of the tool point under joint velocities of norm one. At zero one of
@@ -22,6 +21,7 @@ class SingularityMargin(BoundedTerm):
 
     summary: ClassVar[str] = "smallest singular value of the position Jacobian, m per rad (at_least)"
     unit: ClassVar[str] = "m/rad"
+    size: ClassVar[float] = 0.1
 
     kind: Literal["singularity_margin"]
     at_least: Length = Field(0.0, description="smallest singular value, as a length per rad")
@@ -30,9 +30,3 @@ class SingularityMargin(BoundedTerm):
         smallest = criteria.eigenvalues(at.jacobian @ at.jacobian.T)[0]
         # The rounding of equal eigenvalues can push a zero just below zero.
         return ca.sqrt(ca.fmax(smallest, 0) + 1e-12)
-
-    def bounds(self) -> tuple[float, float]:
-        return self.at_least, math.inf
-
-    def scale(self, at: Quantities) -> float:
-        return 0.1

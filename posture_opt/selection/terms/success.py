@@ -45,6 +45,3 @@ class Success(Term):
 
     def shown(self, value: float) -> float:
         return -math.expm1(min(value, 0.0))
-
-    def scale(self, at: Quantities) -> float:
-        return 1.0

@@ -8,15 +8,15 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import casadi as ca
-from pydantic import Field, model_validator
+from pydantic import Field
 
-from posture_opt.errors import BadValueError, InputError, Issue
+from posture_opt.errors import BadValueError, InputError, Issue, did_you_mean
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Walk
 from posture_opt.robot.robot import Robot
@@ -24,7 +24,8 @@ from posture_opt.selection.terms import criteria
 from posture_opt.spec import Spec
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
 from posture_opt.uncertainty.regions.critical import Within
-from posture_opt.uncertainty.spread.held_part import HeldPart
+from posture_opt.uncertainty.spread.peg_spread import HeldPart
+from posture_opt.units import JointQuantity
 
 
 @dataclass(frozen=True)
@@ -63,21 +64,16 @@ class Quantities:
 
     @property
     def robot(self) -> Robot:
-        """The arm without effects."""
         return self.tool_point.robot
 
     def projected(self, within: Within) -> tuple[ca.SX, ca.SX]:
-        """Covariance ``Bᵀ C B`` (m, m) [m²] and bias ``Bᵀ b`` (m,) [m] of a part of the spread, in the basis B of that
-        part.
-        """
+        """Covariance ``Bᵀ C B`` (m, m) [m²] and bias ``Bᵀ b`` (m,) [m] in the basis B of a part of the spread."""
         basis = self.bases[within]
         return basis.T @ self.covariance @ basis, basis.T @ self.bias
 
     @cached_property
     def ends(self) -> tuple[tuple[ca.SX, ca.SX], ...]:
-        """Covariance (m, m) [m²] and bias (m,) [m] of what the task depends on: of the tool point, and of a peg's other
-        end.
-        """
+        """Covariance (m, m) [m²] and bias (m,) [m] of the tool point, and of a peg's other end."""
         basis, every = self.bases[self.within], [self.projected(self.within)]
         if self.part is not None:
             moments = self.part.behind(self.tool_point).moments(ca.vertsplit(self.q))
@@ -87,11 +83,7 @@ class Quantities:
 
     @cached_property
     def minded(self) -> tuple[ca.SX, ...]:
-        """Covariances [m²] that the criterion takes: of the ends; of a part with a lever its shift and lever × yaw.
-
-        With the lever l and the direction d the vector is ``(Bᵀ x, l dᵀ φ)``, of m + 1 entries: its trace is the mean
-        square shift of points spread evenly at that lever. The rotation φ [rad] is of first order.
-        """
+        """Covariances [m²] of the ends; with a lever l of ``(Bᵀ x, l dᵀ φ)``, φ [rad] of first order."""
         if not self.yaw_lever:
             return tuple(C for C, _ in self.ends)
         basis, pose = self.bases[self.within], ca.SX(self.tool_point.pose_first_order(ca.vertsplit(self.q), self.walk))
@@ -100,23 +92,17 @@ class Quantities:
         return (ca.blockcat([[self.ends[0][0], shared], [shared.T, turn.T @ pose[3:, 3:] @ turn]]),)
 
     def largest(self, measure: Callable[[ca.SX], ca.SX]) -> ca.SX:
-        """A measure [m²] of the covariances that count; of a peg that of the end that has more of it."""
+        """The largest measure [m²] of the covariances that count."""
         return criteria.largest([measure(C) for C in self.minded])
 
     @property
     def variance(self) -> ca.SX:
-        """Variance [m²] along the worst axis of what the task depends on, of the worse end; a yaw does not count here.
-
-        Postures are compared by its root, ``sigma_max``, whatever the criterion that is minimised.
-        """
+        """Variance [m²] along the worst axis, of the worse end: the square of ``sigma_max``; a yaw does not count."""
         return criteria.largest([criteria.worst(C) for C, _ in self.ends])
 
     @cached_property
     def log_miss(self) -> ca.SX:
-        """Logarithm of the probability that the tool point lies outside of the clearance.
-
-        Of a peg the sum over its ends: no less than the probability that either misses, and at most twice that.
-        """
+        """Logarithm of the probability to miss; of a peg the sum over its ends, at most twice that of either."""
         misses = [criteria.log_miss(C, bias, self.clearance) for C, bias in self.ends]
         return misses[0] if len(misses) == 1 else ca.logsumexp(ca.vertcat(*misses))
 
@@ -152,30 +138,25 @@ class Term(Spec):
     are ``low ≤ quantity ≤ high`` for each entry of the (k,) quantity, the cost is ``Σ (quantity/scale)²``.
     """
 
-    summary: ClassVar[str]
-    """One line for ``optimize-posture list``."""
-    unit: ClassVar[str]
-    """SI unit of the quantity."""
-    keeps_clear: ClassVar[bool] = False
-    """Whether it keeps the arm away from obstacles."""
+    summary: ClassVar[str]  # one line for ``optimize-posture list``
+    unit: ClassVar[str]  # SI unit of the quantity
+    size: ClassVar[float] = 1.0  # typical one [unit]
+    keeps_clear: ClassVar[bool] = False  # whether it keeps the arm away from obstacles
 
+    # Whether reports state the spread of the orientation where it is asked for.
     uses_orientation: ClassVar[bool] = False
-    """Whether reports state the spread of the orientation where it is asked for."""
 
     kind: str
     weight: float = Field(default=1.0, ge=0, description="in `minimize`: its factor beside the spread")
 
     @property
     def part(self) -> Within | None:
-        """The part of the spread that it speaks of, None where it does not speak of the spread."""
+        """The part of the spread it is about, or None."""
         return None
 
     @property
     def subjects(self) -> dict[tuple[str, ...], str]:
-        """What it speaks of, and in words: no two terms of a list may bound, hold or minimise the same.
-
-        Keys are the kind and what of its fields says which quantity it is.
-        """
+        """Kind and fields that say which quantity it is -> words; no two terms of a list may have the same."""
         bounds = {"kind", "weight", "at_least", "at_most"}
         return {(self.kind, *(repr(v) for k, v in self if k not in bounds)): self.kind}
 
@@ -183,9 +164,7 @@ class Term(Spec):
         """Raise BadValueError where the term does not fit the robot: a joint that it has not, a mass not stated."""
 
     def for_robot(self, robot: Robot, bounded: bool) -> Term:
-        """The term with what the robot has for it: values for names; in ``subject_to``, where the term is ``bounded``,
-        bounds where it states none itself.
-        """
+        """The term with named values of the robot, and in ``subject_to`` (``bounded``) with its bounds."""
         return self
 
     def held(self, robot: Robot) -> dict[int, float]:
@@ -209,20 +188,14 @@ class Term(Spec):
         """Lower and upper bound of every entry, infinite where there is none."""
 
     def bounds_of(self, at: Quantities) -> list[tuple[float, float]]:
-        """Lower and upper bound of each entry [unit].
-
-        Raises:
-            InputError: the term is in ``subject_to`` and states no bound.
-        """
+        """Lower and upper bound of each entry [unit]; an InputError without any."""
         low, high = self.bounds()
         if math.isinf(low) and math.isinf(high):
-            raise InputError(
-                Issue(f"{self.kind} states no bound", ("task", "subject_to"), self.kind, "add at_most or at_least")
-            )
+            where = "task", "subject_to"
+            raise InputError(Issue(f"{self.kind} states no bound", where, self.kind, "add at_most or at_least"))
         return [self.bounds()] * len(self.labels(at))
 
     def units_of(self, at: Quantities) -> list[str]:
-        """SI unit of each entry."""
         return [self.unit] * len(self.labels(at))
 
     def stated(self) -> list[Stated]:
@@ -238,17 +211,56 @@ class Term(Spec):
         """A value of the quantity as reports state it: a torque without its sign, a probability for a logarithm."""
         return value
 
-    @abstractmethod
     def scale(self, at: Quantities) -> float:
         """A typical size of the quantity [unit]: the cost is measured in it, so that weights of one compare."""
+        return self.size
 
 
-class BoundedTerm(Term):
-    """A term that must state at least one bound in ``subject_to``, and whose bounds must not cross."""
+class LowerBoundedTerm(Term):
+    """A quantity that is to be at least ``at_least``."""
 
-    @model_validator(mode="after")
-    def _not_crossed(self) -> BoundedTerm:
-        low, high = self.bounds()
-        if low > high:
-            raise BadValueError("at_least is above at_most", "swap them")
-        return self
+    if TYPE_CHECKING:
+        at_least: float
+
+    def bounds(self) -> tuple[float, float]:
+        return self.at_least, math.inf
+
+
+def joints_named(names: Iterable[str], robot: Robot) -> list[int]:
+    known = robot.joint_names
+    for name in names:
+        if name not in known:
+            raise BadValueError(f"'{name}' is no joint of this arm", did_you_mean(name, known))
+    return [known.index(name) for name in names]
+
+
+def joint_values(values: Mapping[str, JointQuantity], robot: Robot, *, within_limits: bool = False) -> dict[int, float]:
+    """Joint index -> value [rad or m]; BadValueError for another dimension, or beyond limits that are to be kept."""
+    found = {}
+    for index, (name, given) in zip(joints_named(values, robot), values.items(), strict=True):
+        joint = robot.joints[index]
+        wanted = "angle" if joint.type == "revolute" else "length"
+        if not given.suits(wanted):
+            example = "30 deg" if wanted == "angle" else "80 mm"
+            wanted = "an angle" if wanted == "angle" else "a length"
+            raise BadValueError(f"{name} is {joint.type} and takes {wanted}", f"write {name}: {example}")
+        if within_limits and not joint.lower <= given.value <= joint.upper:
+            raise BadValueError(f"{name} cannot stand there: it lies beyond its limits", "choose a value within them")
+        found[index] = given.value
+    return found
+
+
+class StandardDeviationTerm(Term):
+    """A standard deviation σ [m or rad] with an upper bound: the row is ``σ/at_most ≤ 1``."""
+
+    at_most: float | None = None
+
+    def bounds(self) -> tuple[float, float]:
+        return -math.inf, math.inf if self.at_most is None else self.at_most
+
+    @property
+    def row_size(self) -> float:
+        return self.at_most or 1e-3  # m or rad: where no bound says what is large
+
+    def scale(self, at: Quantities) -> float:
+        return self.row_size

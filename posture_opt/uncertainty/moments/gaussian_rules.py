@@ -16,34 +16,21 @@ import numpy as np
 
 from posture_opt.numerics import TURN, Array, Codes
 
-_MOST_OF_NUMPY = 100  # nodes to which numpy has tested its rule
-
 
 @dataclass(frozen=True, eq=False)
 class Nodes:
-    """``E f(z) ≈ Σ_n weights_n f(points_n)`` for ``z ~ N(0, I)``.
+    """``E f(z) ≈ Σ_n weights_n f(points_n)`` for ``z ~ N(0, I)``."""
 
-    Args:
-        points: (N, r).
-        weights: (N,) > 0, of sum one.
-    """
-
-    points: Array
-    weights: Array
+    points: Array  # (N, r)
+    weights: Array  # (N,) > 0, of sum one
 
     @property
     def count(self) -> int:
-        """N, the number of nodes."""
         return len(self.weights)
 
 
 def product_rule(counts: Sequence[int]) -> Nodes:
-    """The product of Gauss-Hermite rules with ``counts[k]`` nodes along axis k, of degree ``2 counts[k] − 1`` each.
-
-    Example:
-        >>> product_rule([3]).points.round(6).ravel().tolist()
-        [-1.732051, 0.0, 1.732051]
-    """
+    """The product of Gauss-Hermite rules with ``counts[k]`` nodes along axis k, of degree ``2 counts[k] − 1`` each."""
     rules = [_gauss_hermite(count) for count in counts]
     points = np.array(list(itertools.product(*(x for x, _ in rules)))).reshape(-1, len(counts))
     weights = np.array([np.prod(w) for w in itertools.product(*(w / w.sum() for _, w in rules))])
@@ -51,8 +38,7 @@ def product_rule(counts: Sequence[int]) -> Nodes:
 
 
 def _gauss_hermite(count: int) -> tuple[Array, Array]:
-    """Nodes and weights of one variable; those of numpy overflow with hundreds of nodes."""
-    if count <= _MOST_OF_NUMPY:
+    if count <= 100:  # numpy has tested its rule so far; with hundreds of nodes it overflows
         return np.polynomial.hermite_e.hermegauss(count)
     from scipy.special import roots_hermitenorm
 
@@ -61,11 +47,7 @@ def _gauss_hermite(count: int) -> tuple[Array, Array]:
 
 
 def side_by_side(*rules: tuple[Nodes, Codes]) -> Nodes:
-    """The product of rules, each for its own variables.
-
-    Args:
-        rules: pairs of a rule and the places (r,) of its variables among all.
-    """
+    """The product of rules, each with the places (r,) of its variables among all."""
     columns = np.concatenate([places for _, places in rules])
     points, weights = np.zeros((1, 0)), np.ones(1)
     for nodes, _ in rules:
@@ -83,17 +65,13 @@ def degree_three(r: int) -> Nodes:
 
 @lru_cache(maxsize=64)
 def degree_five(r: int, *, other: bool = False) -> Nodes:
-    """Degree 5 in r variables with positive weights: 3 nodes for one, 7 for two, 15 for three, then about ``4 r²``.
-
-    For two a hexagon about the origin. For more, corners ``a (±1, …, ±1)`` of a cube, those of `_sign_array`, and ``±b
+    """Degree 5 in r variables with positive weights: 3 nodes for one, 7 for two, 15 for three, then about ``4 r²``. For
+    two a hexagon about the origin. For more, corners ``a (±1, …, ±1)`` of a cube, those of `_sign_array`, and ``±b
     e_k`` with ``a² = 1 + t``, ``b² = 2 + 2/t``, weights ``a⁻⁴`` in all and ``b⁻⁴`` each, and the origin with the rest.
     ``t = 2/(r − 2)`` puts the latter where `degree_three` has its nodes, which may share their walks. The ``other``
     rule of the degree, in other axes and with ``t = 4/(r − 2)``, leaves the origin nothing: how far two of a kind are
-    apart is an estimate of their error.
-
-    Source: A. H. Stroud, Approximate Calculation of Multiple Integrals (1971), E_n^{r²}: 5-2; corners from orthogonal
-    arrays: N. Victoir, SIAM J. Numer. Anal. 42 (2004) 209.
-    """
+    apart is an estimate of their error. Source: A. H. Stroud, Approximate Calculation of Multiple Integrals (1971),
+    E_n^{r²}: 5-2; corners from orthogonal arrays: N. Victoir, SIAM J. Numer. Anal. 42 (2004) 209."""
     if r == 1:
         return product_rule((4 if other else 3,))
     if r == 2:
@@ -126,11 +104,7 @@ def joined(rules: Sequence[Nodes]) -> Nodes:
 
 
 def _sign_array(r: int) -> Array:
-    """(N, r) of ±1, with every row its opposite: in any five columns all 32 patterns occur equally often.
-
-    Row n has in column k the parity of the bits that n shares with a word; any four of the words are linearly
-    independent over two elements, and the bit that they all have makes that five.
-    """
+    """(N, r) of ±1, with every row its opposite: in any five columns all 32 patterns occur equally often."""
     words: list[int] = []
     reached = {0}  # sums of up to three words
     for candidate in itertools.count(1):
@@ -149,14 +123,11 @@ def _sign_array(r: int) -> Array:
 
 
 def quasi_random(r: int, count: int, rng: np.random.Generator) -> Nodes:
-    """About ``count`` equally weighted, randomly shifted quasi-Monte Carlo nodes in r variables.
-
-    Richtmyer's sequence ``n √prime_k``, shifted, made normal in pairs by Box and Muller's transformation; with every
-    point comes the opposite one, and a linear map gives the whole its exact covariance I: degree 3, as of every rule.
-
-    Source: A. Genz, F. Bretz, Computation of Multivariate Normal and t Probabilities (2009), section 4.2.2; G. Ökten,
-    A. Göncü, Math. Comput. Model. 53 (2011) 1268.
-    """
+    """About ``count`` equally weighted, randomly shifted quasi-Monte Carlo nodes in r variables. Richtmyer's sequence
+    ``n √prime_k``, shifted, made normal in pairs by Box and Muller's transformation; with every point comes the
+    opposite one, and a linear map gives the whole its exact covariance I: degree 3, as of every rule. Source: A. Genz,
+    F. Bretz, Computation of Multivariate Normal and t Probabilities (2009), section 4.2.2; G. Ökten, A. Göncü, Math.
+    Comput. Model. 53 (2011) 1268."""
     half, pairs = max(count // 2, 2 * r), (r + 1) // 2
     uniform = (np.arange(1, half + 1)[:, None] * np.sqrt(first_primes(2 * pairs)) + rng.uniform(size=2 * pairs)) % 1.0
     radius, angle = np.sqrt(-2 * np.log1p(-uniform[:, :pairs])), TURN * uniform[:, pairs:]

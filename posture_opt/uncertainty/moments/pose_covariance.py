@@ -1,10 +1,10 @@
-"""The covariance of the whole tool pose: shift of its point and rotation vector, beyond first order.
+"""Covariances beyond first order of the whole tool pose, and of two points of one tool.
 
-The chart is ``(x − x₀, log(R R₀ᵀ))``: shift from the nominal tool point and the vector, along the axis and as long as
-the angle, of the rotation from the nominal orientation, both in world axes. Its logarithm has no closed form in the
-moments, so poses are taken at nodes for all sources; the shift is known better, by `ToolPoint.moments`, and replaces
-that of the nodes: with the regression ``φ = B x + ρ`` of the nodes the answer is ``[[C, C Bᵀ], [B C, B C Bᵀ + Cov
-ρ]]``, positive semidefinite and with one covariance of the position.
+The chart of a pose is ``(x − x₀, log(R R₀ᵀ))``: shift from the nominal tool point, and the vector along the axis of the
+rotation from the nominal orientation and as long as its angle, both in world axes. Its logarithm has no closed form in
+the moments, so poses are taken at nodes for all sources; the shift x is known better, by `ToolPoint.moments`, and
+replaces that of the nodes: with the regression ``φ = B x + ρ`` of the nodes the answer is ``[[C, C Bᵀ], [B C, B C Bᵀ +
+Cov ρ]]``, positive semidefinite and with one covariance of the position. What effects add is to first order.
 
 Differences from the nominal pose are formed without cancellation: rotations multiply as quaternions, of which only the
 vector part is small.
@@ -12,96 +12,98 @@ vector part is small.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from posture_opt.model.chain import Scalar, Walk
 from posture_opt.numerics import Array
-from posture_opt.uncertainty.moments.conditional_moments import Segment, deviations
+from posture_opt.uncertainty.moments.exact_moments import Segment, deviations
 from posture_opt.uncertainty.moments.integration import Integration, SharedSpan, converged
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
 from posture_opt.uncertainty.regions.regions import RANK_TOLERANCE
 
+# Chart and frame of a covariance of the pose, as documents state it.
 POSE_FRAME = "shift and rotation vector log(R R_nominal^T), (v, w), from the nominal pose; world axes at the tool point"
-"""Chart and frame of a covariance of the pose, as documents state it."""
-
-_VARIANCE_TOLERANCE = 1e-4
-"""Relative error along any direction of the six at which no more nodes are tried."""
-_MAX_NODES = 20_000
-"""Nodes of a product rule."""
 
 
 @dataclass(frozen=True, eq=False)
 class PoseCovariance:
-    """Covariance of shift [m] and rotation vector [rad] from the nominal pose, world axes at the tool point.
+    """Covariance of shift [m] and rotation vector [rad] from the nominal pose, world axes at the tool point."""
 
-    Args:
-        covariance: (6, 6), ``(v, ω)``.
-        integration: how it was found; ``relative_error`` is that of the variance along any direction of the six. None
-            where nothing scatters.
-    """
-
-    covariance: Array
-    integration: Integration | None
+    covariance: Array  # (6, 6), (v, ω)
+    integration: Integration | None  # None where nothing scatters
 
     @property
     def within_half_turn(self) -> bool:
-        """Whether three standard deviations of the rotation stay below π.
-
-        Beyond, rotation vectors are cut: a turn by more than π is the opposite one by less, and their covariance says
-        little of how the tool turns.
-        """
+        """Whether three standard deviations of the rotation stay below π, beyond which rotation vectors are cut."""
         return bool(9 * np.linalg.eigvalsh(self.covariance[3:, 3:])[-1] < np.pi**2)
 
 
 def pose_covariance(tool_point: ToolPoint, q: Sequence[float], position: Array) -> PoseCovariance:
-    """The covariance of the pose whose block of the position is ``position``.
+    """The covariance of the pose at q (n,) whose block of the position is ``position`` (3, 3) [m²], world."""
+    whole = tool_point.arm.reach(q)
 
-    Effects enter to first order, as they do in the position.
+    def poses(segment: Segment) -> list[Scalar]:
+        errors = {index: loading @ segment.centre.points.T for index, loading in segment.loadings.items()}
+        return [*deviations(tool_point.robot.factors, whole.values, segment), *turns(whole.walk, errors)]
 
-    Args:
-        tool_point: arm and sources.
-        q: (n,) posture [rad or m].
-        position: (3, 3) covariance of the tool point [m²], world.
-    """
     linear = np.asarray(tool_point.linear_of_pose(q, tool_point.walk(q)[0]), dtype=float)
-    chain, integration = position - linear[:3, :3], None
-    found = np.zeros((6, 6))
-    found[:3, :3] = chain
-    span = every_source(tool_point)
+    return PoseCovariance(*_by_regression(tool_point, position, linear, poses))
+
+
+def joint_covariance(tip: ToolPoint, top: ToolPoint, q: Sequence[float], of_tip: Array) -> Array:
+    """(6, 6) of the shifts of two points of one tool [m²], world; ``of_tip`` (3, 3) of the first one stays as it is."""
+
+    def shifts(segment: Segment) -> list[Scalar]:
+        found: list[Scalar] = []
+        for point in (tip, top):
+            factors = point.robot.factors
+            whole = replace(segment, last=len(factors) - 1)
+            found += deviations(factors, point.arm.reach(q).values, whole)
+        return found
+
+    linear: Array = np.zeros((6, 6))
+    if tip.linear is not None:
+        both = [(point, point.walk(q)[0]) for point in (tip, top)]
+        E = np.vstack([np.asarray(point.linear_columns(q, walk), dtype=float) for point, walk in both])
+        T = np.vstack([np.asarray(point.jacobian(walk), dtype=float) for point, walk in both])
+        cross = T @ tip.linear.cross @ E.T
+        linear = E @ tip.linear.covariance @ E.T + cross + cross.T
+    return _by_regression(tip, of_tip, linear, shifts)[0]
+
+
+def _by_regression(
+    tool_point: ToolPoint, position: Array, linear: Array, coordinates: Callable[[Segment], Sequence[Scalar]]
+) -> tuple[Array, Integration | None]:
+    """(6, 6) of six coordinates at nodes for all sources, the first three the tool point's; ``linear`` is added."""
+
+    def moments(segments: Sequence[Segment]) -> tuple[Array, Array]:
+        weights = segments[0].centre.weights
+        values = np.array([np.broadcast_to(x, weights.shape) for x in coordinates(segments[0])])
+        mean = values @ weights
+        centred = values - mean[:, None]
+        return mean, (centred * weights) @ centred.T
+
+    found, integration, span = np.zeros((6, 6)), None, every_source(tool_point)
     if span.count:
-        mixed = converged(
-            lambda segments: _at_nodes(tool_point, q, segments[0]), [span], _VARIANCE_TOLERANCE, _MAX_NODES
-        )
-        found, integration = regressed_on(mixed.covariance, chain), mixed.integration
+        mixed = converged(moments, [span], 1e-4, 20_000)
+        found, integration = _regressed_on(mixed.covariance, position - linear[:3, :3]), mixed.integration
     found = found + linear
     found[:3, :3] = position
-    return PoseCovariance((found + found.T) / 2, integration)
+    return (found + found.T) / 2, integration
 
 
 def every_source(tool_point: ToolPoint) -> SharedSpan:
     """All sources of the chain as independent standard normal factors."""
     root = covariance_root(tool_point.covariance)
     root = root[:, (root != 0).any(axis=0)]
+    factors = tool_point.robot.factors
+    turning = [k for k, index in enumerate(tool_point.indices) if factors[index].kind == "rotate"]
     places = dict(zip(tool_point.indices, root, strict=True))
-    turning = [k for k, index in enumerate(tool_point.indices) if tool_point.robot.factors[index].kind == "rotate"]
-    last = len(tool_point.robot.factors) - 1
-    return SharedSpan(0, last, places, root[turning], tuple(range(root.shape[1])))
-
-
-def _at_nodes(tool_point: ToolPoint, q: Sequence[float], segment: Segment) -> tuple[Array, Array]:
-    """Mean (6,) and covariance (6, 6) of shift and rotation vector over nodes for the sources of the chain."""
-    whole = tool_point.arm.reach(q)
-    weights = segment.centre.weights
-    errors = {index: loading @ segment.centre.points.T for index, loading in segment.loadings.items()}
-    shift = deviations(tool_point.robot.factors, whole.values, segment)
-    parts = [np.broadcast_to(x, weights.shape) for x in (*shift, *turns(whole.walk, errors))]
-    poses = np.array(parts)
-    mean = poses @ weights
-    centred = poses - mean[:, None]
-    return mean, (centred * weights) @ centred.T
+    turn = np.abs(root[turning]).sum(axis=0)
+    return SharedSpan(0, len(factors) - 1, places, turn, tuple(range(root.shape[1])))
 
 
 def turns(nominal: Walk, errors: dict[int, Array]) -> Array:
@@ -117,6 +119,11 @@ def turns(nominal: Walk, errors: dict[int, Array]) -> Array:
             axis = np.array(screw.axis, dtype=float)[:, None]
             wi, vi = np.cos(errors[index] / 2), axis * np.sin(errors[index] / 2)
             w, v = w * wi - (v * vi).sum(axis=0), w * vi + wi * v + np.cross(v, vi, axis=0)
+    return rotation_of_quaternion(w, v)
+
+
+def rotation_of_quaternion(w: Scalar, v: Array) -> Array:
+    """(3, N) rotation vectors [rad] of unit quaternions with real parts w (N,) and vectors v (3, N)."""
     sine = np.linalg.norm(v, axis=0)
     # q and -q are one rotation: the half of it with w >= 0 is the short way.
     angle = 2 * np.arctan2(sine, np.abs(w)) * np.where(np.asarray(w) < 0, -1.0, 1.0)
@@ -124,10 +131,21 @@ def turns(nominal: Walk, errors: dict[int, Array]) -> Array:
     return vector
 
 
-def regressed_on(nodes: Array, position: Array) -> Array:
-    """The covariance (6, 6) of the nodes with another one of the position (3, 3), by regression of the rotation on
-    it.
-    """
+def angle_and_axis(phi: Array) -> tuple[Array, Array]:
+    """Angles (N, 1) [rad] and unit vectors (N, 3) of rotation vectors; zeros for no rotation."""
+    angle = np.linalg.norm(phi, axis=1, keepdims=True)
+    return angle, np.divide(phi, angle, out=np.zeros_like(phi), where=angle > 0)
+
+
+def turn_of(phi: Array, v: Array) -> Array:
+    """(N, 3) ``R(φ) v − v``, by Rodrigues' formula without cancellation."""
+    angle, unit = angle_and_axis(phi)
+    first = np.cross(unit, v)
+    return np.asarray(np.sin(angle) * first + 2 * np.sin(angle / 2) ** 2 * np.cross(unit, first))
+
+
+def _regressed_on(nodes: Array, position: Array) -> Array:
+    """The covariance (6, 6) of the nodes with another of the first three coordinates (3, 3), see the module."""
     xx, px, pp = nodes[:3, :3], nodes[3:, :3], nodes[3:, 3:]
     variances, axes = np.linalg.eigh(xx)
     wide = variances > RANK_TOLERANCE * max(float(variances[-1]), 0.0)

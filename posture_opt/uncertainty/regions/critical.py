@@ -9,45 +9,30 @@ from typing import Literal
 import numpy as np
 
 from posture_opt.numerics import Array, Json
-from posture_opt.uncertainty.regions.coverage_radius import coverage_radius
+from posture_opt.uncertainty.regions.clearance import coverage_radius
 from posture_opt.uncertainty.regions.regions import RANK_TOLERANCE, deviation
 
+# The part of the spread: across the direction of the task, along it, or all of it
 Within = Literal["across", "along", "all"]
-"""The part of the spread: across the direction of the task, along it, or all of it."""
+# The parts by name, as sentences have them
 PARTS: dict[str, str] = {"across": "across the direction", "along": "along the direction", "all": "in space"}
-"""The parts by name, as sentences have them."""
 
 
 @dataclass(frozen=True)
 class Critical:
-    """The part of the spread that counts for the task.
+    """The part of the spread that counts for the task."""
 
-    Args:
-        within: ``across`` the direction, ``along`` it, or ``all`` of it.
-        basis: (m, 3) unit vectors, one a row as in the documents, world.
-        covariance: (m, m) in that basis [m²].
-        bias: (m,) mean shift in that basis [m].
-        sigma_max: largest standard deviation [m].
-        worst_axis: (3,) the direction of it, world; its largest component is positive.
-    """
-
-    within: Within
-    basis: Array
-    covariance: Array
-    bias: Array
-    sigma_max: float
-    worst_axis: Array
+    within: Within  # across the direction, along it, or all of it
+    basis: Array  # (m, 3) unit vectors, one a row as in the documents, world
+    covariance: Array  # (m, m) in that basis [m²]
+    bias: Array  # (m,) mean shift in that basis [m]
+    sigma_max: float  # largest standard deviation [m]
+    worst_axis: Array  # (3,) the direction of it, world; its largest component is positive
 
     @classmethod
     def of(cls, within: Within, basis: Array, covariance: Array, bias: Array) -> Critical:
-        """The part of a spread in a basis.
-
-        Args:
-            within: which part it is.
-            basis: (3, m) orthonormal columns, world.
-            covariance: (3, 3) [m²], world.
-            bias: (3,) mean shift [m], world.
-        """
+        """The part of a spread in a basis. basis: (3, m) orthonormal columns, world; covariance: (3, 3) [m²], world;
+        bias: (3,) mean shift [m], world."""
         C, b = basis.T @ covariance @ basis, basis.T @ bias
         values, vectors = np.linalg.eigh(C)
         if values[-1] <= RANK_TOLERANCE * np.trace(covariance):
@@ -63,7 +48,6 @@ class Critical:
         return coverage_radius(0.95, self.covariance, self.bias)
 
     def to_json(self) -> dict[str, Json]:
-        """Plain numbers, SI."""
         return {
             "within": self.within,
             "sigma_max": self.sigma_max,

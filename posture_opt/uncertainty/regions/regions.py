@@ -19,48 +19,28 @@ from numpy.typing import ArrayLike
 from posture_opt.errors import InputError
 from posture_opt.numerics import TURN, Array, Mask
 
-Kind = Literal["known", "mean", "prediction"]
-"""What a region is of, see `coverage_factor`."""
+Kind = Literal["known", "mean", "prediction"]  # What a region is of, see `coverage_factor`
 
+# Share of the largest variance below which there is none: J S J' has rounding noise of some 1e-15 of it
 RANK_TOLERANCE = 1e-13
-"""Share of the largest variance below which there is none: J S J' has rounding noise of some 1e-15 of it."""
+# Standard deviations that hold 95 % of a normal variable; its square is that quantile of χ² with one freedom
 NORMAL95 = 1.959963984540054
-"""Standard deviations that hold 95 % of a normal variable; its square is that quantile of χ² with one freedom."""
 
 
 def deviation(variance: float, among: Array) -> float:
-    """The standard deviation [m] of a variance [m²] that belongs to the covariance ``among`` (m, m); rounding is zero.
-
-    A direction that nothing moves along has a variance of some 1e-16 of the trace, and its root would look like a
-    length.
-    """
+    """The root [m] of a variance [m²] of the covariance ``among`` (m, m); rounding, 1e-16 of its trace, is zero."""
     return math.sqrt(variance) if variance > RANK_TOLERANCE * float(np.trace(among)) else 0.0
 
 
 def coverage_factor(p: float, m: int, n: int | None = None, kind: Kind = "prediction") -> float:
-    """The k of the region ``(y - c)' C^-1 (y - c) <= k^2`` that holds with probability p.
+    """The k of the region ``(y - c)' C^-1 (y - c) <= k^2`` of y (m,) that holds with probability p.
 
-    With n Gaussian samples (mean c, sample covariance C of a *single* point, n - 1 in the denominator) three
-    questions have three answers, ``k_H = hotelling_factor(p, m, n - 1)``:
-
-    - ``"known"``: C is a known covariance about a known mean, as when samples check a model; ``k^2 = chi2_p(m)``;
-    - ``"mean"``: where the true mean lies; ``k = k_H / sqrt(n)``;
-    - ``"prediction"``: where the next point will lie; ``k = k_H sqrt(1 + 1/n)``.
-
-    Args:
-        p: probability, 0 < p < 1.
-        m: dimension of y.
-        n: number of samples behind C; None for a known covariance, which leaves ``chi2`` alone.
-        kind: which question.
-
-    Raises:
-        InputError: p outside (0, 1), m < 1, n <= m (no ellipsoid bounds the region), or the mean of a known covariance.
+    With n Gaussian samples (mean c, sample covariance C of a *single* point, n - 1 in the denominator) three questions
+    have three answers, ``k_H = hotelling_factor(p, m, n - 1)``: where the true ``mean`` lies, ``k = k_H / sqrt(n)``;
+    where the next point will lie (``prediction``), ``k = k_H sqrt(1 + 1/n)``; for a ``known`` covariance about a known
+    mean, as without n, ``k^2 = chi2_p(m)``.
 
     Source: H. Hotelling, Ann. Math. Stat. 2 (1931) 360; JCGM 102:2011, 6.5.2 and table 1 for the known covariance.
-
-    Example:
-        >>> [round(coverage_factor(0.95, m), 4) for m in (1, 2, 3)]
-        [1.96, 2.4477, 2.7955]
     """
     if n is None and kind == "mean":
         raise InputError("where the true mean lies depends on the number of samples, and none was given")
@@ -73,17 +53,8 @@ def coverage_factor(p: float, m: int, n: int | None = None, kind: Kind = "predic
 def hotelling_factor(p: float, m: int, dof: float) -> float:
     """The k of ``(y - mu)' S^-1 (y - mu) <= k^2`` for an estimate y whose own covariance S was estimated.
 
-    ``k^2 = m nu / (nu + 1 - m) F_p(m, nu + 1 - m)``; in the plane ``k^2 = nu ((1 - p)^(-2 / (nu - 1)) - 1)``.
-
-    Args:
-        p: probability, 0 < p < 1.
-        m: dimension of y.
-        dof: degrees of freedom nu of S, not necessarily whole; infinity gives the chi factor.
-
-    Raises:
-        InputError: p outside (0, 1), m < 1, or nu <= m - 1.
-
-    Source: H. Hotelling, Ann. Math. Stat. 2 (1931) 360.
+    ``k^2 = m nu / (nu + 1 - m) F_p(m, nu + 1 - m)``; in the plane ``k^2 = nu ((1 - p)^(-2 / (nu - 1)) - 1)``. The
+    degrees of freedom nu need not be whole; infinity gives the chi factor. Source: H. Hotelling (1931).
     """
     _check_region(p, m)
     rest = dof + 1 - m
@@ -98,48 +69,13 @@ def hotelling_factor(p: float, m: int, dof: float) -> float:
     return math.sqrt(m * dof / rest * float(fdtri(m, rest, p)))
 
 
-def interval_factor(p: float, m: int, method: Literal["bonferroni", "sidak"] = "bonferroni") -> float:
-    """The kq of the box ``|y_j - mu_j| <= kq u_j``, all j at once, that holds with probability p or more.
-
-    Bonferroni ``Phi^-1(1 - (1 - p) / (2 m))`` for any dependence (JCGM 102:2011, 6.5.3 and table 2), Sidak
-    ``Phi^-1((1 + p^(1/m)) / 2)``, exact for independent normal components (Z. Sidak, JASA 62 (1967) 626).
-
-    Args:
-        p: probability, 0 < p < 1.
-        m: number of quantities.
-        method: which of the two.
-
-    Raises:
-        InputError: p outside (0, 1) or m < 1.
-    """
-    _check_region(p, m)
-    miss = (1 - p) / m if method == "bonferroni" else -math.expm1(math.log(p) / m)
-    return -NormalDist().inv_cdf(miss / 2)
-
-
 def coverage_probability(k: float, m: int) -> float:
-    """The probability within k sigma of a known covariance, ``P(chi2(m) <= k^2)``; ``1 - exp(-k^2 / 2)`` for m = 2.
-
-    Example:
-        >>> [round(coverage_probability(2.0, m), 3) for m in (1, 2, 3)]
-        [0.954, 0.865, 0.739]
-    """
+    """The probability within k sigma of a known covariance, ``P(chi2(m) <= k^2)``; ``1 - exp(-k^2 / 2)`` for m = 2."""
     return _chi_tails(k, m)[0] if k > 0 else 0.0
 
 
 def standard_deviation_interval(n: int, p: float = 0.95) -> tuple[float, float]:
-    """The factors on a standard deviation s of n Gaussian samples between which the true one lies.
-
-    ``sqrt(nu / chi2_(1+p)/2(nu))`` and ``sqrt(nu / chi2_(1-p)/2(nu))`` with ``nu = n - 1``.
-
-    Args:
-        n: number of samples.
-        p: probability of the interval.
-
-    Raises:
-        InputError: p outside (0, 1) or n < 2.
-    """
-    _check_region(p, n - 1)
+    """``sqrt(nu / chi2_(1±p)/2(nu))``, ``nu = n - 1``: the true σ over that of n samples, at probability p."""
     nu = n - 1
     return math.sqrt(nu) / _chi_quantile((1 + p) / 2, nu), math.sqrt(nu) / _chi_quantile((1 - p) / 2, nu)
 
@@ -148,20 +84,12 @@ def standard_deviation_interval(n: int, p: float = 0.95) -> tuple[float, float]:
 class Ellipsoid:
     """The region of a Gaussian point: ``(y - center)' covariance^-1 (y - center) <= k^2``.
 
-    A covariance without full rank r (a planar arm in space, a singular posture) has its region in the subspace
-    that it spans, and k is the one for r dimensions.
-
-    Args:
-        center: (m,) the mean.
-        covariance: (m, m) symmetric, in squares of its unit; eigenvalues below zero by rounding count as zero.
-
-    Example:
-        >>> Ellipsoid(np.zeros(2), np.diag([4.0, 1.0])).region(0.95).round(3).tolist()
-        [2.448, 4.895]
+    A covariance of rank r (a planar arm in space, a singular posture) has its region in the subspace that it spans, and
+    k is the one for r dimensions.
     """
 
-    center: Array
-    covariance: Array
+    center: Array  # (m,) the mean
+    covariance: Array  # (m, m) symmetric, in squares of its unit; eigenvalues below zero by rounding count as zero
 
     @property
     def semi_axes(self) -> Array:
@@ -187,11 +115,7 @@ class Ellipsoid:
         return self.semi_axes * self.factor(p, n, kind)
 
     def project(self, directions: ArrayLike) -> Ellipsoid:
-        """The ellipsoid of ``B y``, whose region has the factor of its own, lower dimension.
-
-        Args:
-            directions: B (k, m), one direction in each row, or (m,) a single direction.
-        """
+        """The ellipsoid of ``B y``, B (k, m) or (m,), whose region has the factor of its own, lower dimension."""
         rows = np.atleast_2d(np.asarray(directions, dtype=float))
         return Ellipsoid(rows @ self.center, rows @ self.covariance @ rows.T)
 
@@ -212,11 +136,7 @@ class Ellipsoid:
         return self.mahalanobis(points) <= self.factor(p)
 
     def points(self, p: float, n: int = 121) -> Array:
-        """(n, 2) the boundary of a plane region, counter-clockwise from the major axis, first and last point equal.
-
-        Raises:
-            InputError: the ellipsoid is not two-dimensional.
-        """
+        """(n, 2) the boundary of a plane region, counter-clockwise from the major axis, first and last point equal."""
         if len(self.center) != 2:
             raise InputError(f"only a plane ellipse has a boundary curve; this one has {len(self.center)} dimensions")
         minor, major = self.region(p)
@@ -243,11 +163,6 @@ class Ellipsoid:
 
 
 def _check_region(p: float, m: int) -> None:
-    """Refuse what no region has.
-
-    Raises:
-        InputError: p outside (0, 1) or m < 1.
-    """
     if not 0 < p < 1:
         raise InputError(f"a coverage probability lies between 0 and 1, not at {p:g}")
     if m < 1:
@@ -255,7 +170,7 @@ def _check_region(p: float, m: int) -> None:
 
 
 def _chi_quantile(p: float, m: int) -> float:
-    """The k with P(chi <= k) = p for m degrees of freedom."""
+    """The k with ``P(chi <= k) = p`` for m degrees of freedom."""
     _check_region(p, m)
     if m == 1:
         return -NormalDist().inv_cdf((1 - p) / 2)
@@ -276,7 +191,7 @@ def _chi_quantile(p: float, m: int) -> float:
 
 
 def _chi_tails(k: float, m: int) -> tuple[float, float]:
-    """P(chi <= k) and P(chi > k) for m degrees of freedom, the smaller of the two without cancellation."""
+    """``P(chi <= k)`` and ``P(chi > k)`` for m degrees of freedom, the smaller of the two without cancellation."""
     h = k * k / 2
     # Q(a + 1, h) = Q(a, h) + h^a e^-h / Gamma(a + 1) up to a = m/2: Abramowitz & Stegun (1964), 26.4.4 and 26.4.5.
     a, upper = (0.5, math.erfc(math.sqrt(h))) if m % 2 else (1.0, math.exp(-h))

@@ -17,23 +17,20 @@ from posture_opt.robot.posture import Posture, PostureLike
 from posture_opt.statements import Statement, state
 from posture_opt.uncertainty.moments.pose_covariance import POSE_FRAME
 from posture_opt.uncertainty.regions.regions import NORMAL95, RANK_TOLERANCE, Ellipsoid
-from posture_opt.uncertainty.simulation.adaptive import AdaptiveResult
-from posture_opt.uncertainty.simulation.adaptive import adaptive as adaptive_trials
-from posture_opt.uncertainty.simulation.sampler import PowerSums, Sampler
-from posture_opt.uncertainty.simulation.sampling_errors import (
+from posture_opt.uncertainty.simulation.sampler import (
+    AdaptiveResult,
     Interval,
+    PowerSums,
+    Sampler,
     symmetric_matrix,
     variance_intervals,
     wilson_interval,
 )
+from posture_opt.uncertainty.simulation.sampler import adaptive as adaptive_trials
 from posture_opt.uncertainty.spread.spread import HasSources, Spread, budget_json, ellipse_json, propagate, task_json
 from posture_opt.uncertainty.spread.task_spread import TaskSpread
 
-_BLOCK_SAMPLES = 5_000
-"""Samples walked at once: bounds the memory whatever n is."""
-_ROUNDING = 1e-9  # of a probability
-_MAX_KEPT_POINTS = 1_000_000
-"""Points kept for figures and files."""
+_MAX_KEPT_POINTS = 1_000_000  # for figures and files
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -83,7 +80,6 @@ class Cloud(Result):
         return (coverage, *self._agreement(), *self._success(), *self.spread.limits, *self._stability())
 
     def _agreement(self) -> Iterator[Statement]:
-        """Whether closed form and sample agree, as far as so many samples show; the first-order ellipse."""
         low, high = self.coverage95_interval
         verdict = "agrees" if low <= 0.95 <= high else "less" if self.coverage95 < 0.95 else "more"
         yield state(f"uncertainty.coverage-{verdict}", low=100 * low, high=100 * high)
@@ -91,18 +87,16 @@ class Cloud(Result):
             yield self.spread.validity.statement
 
     def _success(self) -> Iterator[Statement]:
-        """The predicted probability of success, and the share that succeeds; nothing without a clearance."""
         seen, interval = self.spread.for_task, self.success_interval
         if seen is None or interval is None or seen.success_probability is None:
             return
         low, high = interval
         yield from seen.success_statement(self.spread.taught)
-        agrees = low - _ROUNDING <= seen.success_probability <= high + _ROUNDING
+        agrees = low - 1e-9 <= seen.success_probability <= high + 1e-9  # rounding
         id = "uncertainty.success-agrees" if agrees else "uncertainty.success-differs"
         yield state(id, hits=self.seen.hits, samples=self.n, low=100 * low, high=100 * high)
 
     def _stability(self) -> Iterator[Statement]:
-        """Whether as many samples as were drawn make the digits that were asked for stable."""
         if self.adaptive is not None:
             id = "uncertainty.stable-samples" if self.adaptive.stable else "uncertainty.unstable-samples"
             yield state(id, samples=self.n, digits=self.adaptive.digits)
@@ -218,13 +212,11 @@ class Cloud(Result):
             "success_probability_interval95": None if self.success_interval is None else list(self.success_interval),
             "notes": list(self.notes),
         }
-        drawn = {"n": self.n, "seed": self.seed, "adaptive": self._adaptive_json()}
-        comparison = {"closed_form": closed, "ratio": self.ratio.tolist()}
-        return {**about, **sampled, **drawn, **self._sampling_json(), **comparison}
-
-    def _sampling_json(self) -> dict[str, Json]:
-        """Means and moments with their sampling errors, as the documents list them."""
-        return {
+        found = self.adaptive
+        errors = {
+            "n": self.n,
+            "seed": self.seed,
+            "adaptive": found and {key: getattr(found, key) for key in ("stable", "blocks", "kp", "kq")},
             "mean": self.mean.tolist(),
             "bias_standard_error": self.bias_error.tolist(),
             "covariance_standard_error": self.covariance_error.tolist(),
@@ -233,13 +225,7 @@ class Cloud(Result):
             "eigenvalue_intervals95": self.eigenvalue_intervals.tolist(),
             "coverage95": {"value": self.coverage95, "interval95": list(self.coverage95_interval)},
         }
-
-    def _adaptive_json(self) -> dict[str, Json] | None:
-        """How n was found; None where it was given."""
-        found = self.adaptive
-        if found is None:
-            return None
-        return {"stable": found.stable, "blocks": found.blocks, "kp": found.kp, "kq": found.kq}
+        return {**about, **sampled, **errors, "closed_form": closed, "ratio": self.ratio.tolist()}
 
 
 @interruptible()
@@ -295,8 +281,9 @@ def cloud_of(spread: Spread, n: int, seed: int) -> Cloud:
     every = [spread] if spread.seen is spread else [spread, spread.seen]
     sums: list[PowerSums] = [PowerSums(one) for one in every]
     kept: list[list[Array]] = [[] for _ in every]
-    for start in range(0, n, _BLOCK_SAMPLES):
-        poses = draw.both(rng, min(_BLOCK_SAMPLES, n - start))
+    block = 5_000  # bounds the memory whatever n is
+    for start in range(0, n, block):
+        poses = draw.both(rng, min(block, n - start))
         for one, total, points in zip(every, sums, kept, strict=True):
             shift, rotation = poses[one.relative]
             total.add(shift, rotation)
@@ -310,7 +297,6 @@ def cloud_of(spread: Spread, n: int, seed: int) -> Cloud:
 
 
 def _cloud(spread: Spread, sums: PowerSums, points: Array, n: int, seed: int, relative: Cloud | None) -> Cloud:
-    """The cloud of n summed draws."""
     offset, covariance = sums.moments(n)
     return Cloud(
         spread=spread,
@@ -328,11 +314,6 @@ def _cloud(spread: Spread, sums: PowerSums, points: Array, n: int, seed: int, re
 
 
 def _check_arguments(n: object, seed: object) -> None:
-    """Refuse a number of samples or a seed that cannot be used.
-
-    Raises:
-        InputError: both at once.
-    """
     issues = []
     if isinstance(n, bool) or not isinstance(n, int | np.integer):
         issues.append(Issue(f"the number of samples is {n!r}", ("n",), n, "give a whole number such as 5000"))

@@ -13,16 +13,14 @@ from typing import Any
 
 import numpy as np
 
-from posture_opt.csv_text import csv_line, unguarded
 from posture_opt.errors import BadValueError, InputError, Issue, KeyPath, nearest
 from posture_opt.files import content, naming
 from posture_opt.numerics import Array
 from posture_opt.robot.corrections import name_issues
+from posture_opt.texts import csv_line, number_or_nan, unguarded
 from posture_opt.units import NEGLIGIBLE, parse_quantity
 
 _HEADER_CELL = re.compile(r"^\s*(?P<name>[^\[\]]*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*$")
-_MAX_BYTES = 10_000_000
-"""Largest file; 500 named rows of 20 digits need half of it."""
 
 
 def read_covariance(path: Path, dimensions: dict[str, str], text: str | None = None) -> tuple[tuple[str, ...], Array]:
@@ -32,16 +30,9 @@ def read_covariance(path: Path, dimensions: dict[str, str], text: str | None = N
         joint1.theta, 1.0, 0.2
         joint1.a, 0.2, 4.0
 
-    An entry has the product of the units of its two columns; rows may be in any order.
-
-    Args:
-        path: the file.
-        dimensions: ``angle`` or ``length`` of every known parameter name.
-        text: its content, where the file is not there yet.
-
-    Raises:
-        InputError: everything wrong with the file, each with its line. What the file holds is not repeated, but for
-            names of parameters and what is written like one: the problem that names it may be of somebody else.
+    An entry has the product of the units of its two columns; rows may be in any order. ``dimensions`` has ``angle`` or
+    ``length`` of every known name, ``text`` the content of a file that is not there yet. Errors repeat names of
+    parameters alone, and what is written like one: the problem that names the file may be of somebody else.
     """
     rows = _file_rows(path) if text is None else _filled_rows(csv.reader(StringIO(text)))
     if not rows:
@@ -66,30 +57,17 @@ def _without_rounding(covariance: Array) -> Array:
 
 
 def covariance_text(names: Sequence[str], covariance: Array, units: Sequence[str]) -> str:
-    """The text that ``read_covariance`` reads back.
-
-    Args:
-        names: (k,) of the parameters.
-        covariance: (k, k) [SI].
-        units: (k,) rad, mrad, m, mm or the SI unit of an effect, in which it is written.
-    """
-    scale = [_scale_of(unit) for unit in units]
+    """The text of a covariance (k, k) [SI] in units (k,): rad, mrad, m, mm or the SI unit of an effect."""
+    scale = [1e-3 if unit in ("mrad", "mm") else 1.0 for unit in units]
     rows = covariance / np.outer(scale, scale)
     title = csv_line(["name", *(f"{name} [{unit}]" for name, unit in zip(names, units, strict=True))])
     lines = [csv_line([name, *(f"{value:.15g}" for value in row)]) for name, row in zip(names, rows, strict=True)]
     return "\n".join([title, *lines, ""])
 
 
-def _scale_of(unit: str) -> float:
-    """The SI value of a unit of this file: lengths, angles, and the SI units of effects."""
-    known = {"rad": 1.0, "mrad": 1e-3, "m": 1.0, "mm": 1e-3}
-    return known.get(unit, 1.0)
-
-
 def _file_rows(path: Path) -> list[tuple[int, list[str]]]:
-    """Line number and cells of every row that is not blank."""
     try:
-        text = content(path, _MAX_BYTES).decode("utf-8-sig")
+        text = content(path, 10_000_000).decode("utf-8-sig")
         if ";" not in text.partition("\n")[0]:
             return _filled_rows(csv.reader(StringIO(text, newline="")))
         rows = _filled_rows(csv.reader(StringIO(text, newline=""), delimiter=";"))  # with decimal commas, as exported
@@ -103,12 +81,10 @@ def _file_rows(path: Path) -> list[tuple[int, list[str]]]:
 
 
 def _filled_rows(reader: Any) -> list[tuple[int, list[str]]]:
-    """Line number and cells of the rows that are not blank."""
     return [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
 
 
 def _read_header(cells: Sequence[str], dimensions: dict[str, str]) -> tuple[list[str], list[float], list[Issue]]:
-    """Names, factors to SI units, and issues of the header without its first cell."""
     names: list[str] = []
     factors: list[float] = []
     issues: list[Issue] = []
@@ -131,7 +107,6 @@ def _read_header(cells: Sequence[str], dimensions: dict[str, str]) -> tuple[list
 
 
 def _unit_factor(name: str, unit: str | None, dimension: str, issues: list[Issue]) -> float:
-    """The SI value of a unit; 1 with an issue where it is none of the dimension."""
     if dimension == "ratio":
         if unit not in (None, "1"):
             issues.append(Issue(f"{name} is a ratio", (name,), unit, f"write {name} [1]"))
@@ -144,7 +119,6 @@ def _unit_factor(name: str, unit: str | None, dimension: str, issues: list[Issue
 
 
 def _place_of(name: str, place: str, known: Iterable[str]) -> KeyPath:
-    """The key of an issue: the name where it is one of a parameter, or is written like one, else where it is."""
     every = set(known)
     return (name if name in every or nearest(name, every) else place,)
 
@@ -152,11 +126,7 @@ def _place_of(name: str, place: str, known: Iterable[str]) -> KeyPath:
 def _read_body(
     rows: Sequence[tuple[int, list[str]]], names: Sequence[str], known: Iterable[str]
 ) -> tuple[Array, list[Issue]]:
-    """(k, k) the rows in the order of the columns, in the units of the file; issues where a row cannot be used.
-
-    Args:
-        known: names of parameters.
-    """
+    """(k, k) the rows in the order of the columns, in the units of the file."""
     matrix = np.full((len(names), len(names)), math.nan)
     issues: list[Issue] = []
     for line, cells in rows:
@@ -170,29 +140,17 @@ def _read_body(
         elif len(cells) - 1 != len(names):
             issues.append(Issue(f"{len(cells) - 1} numbers in the row, {len(names)} columns", place, line=line))
         else:
-            values = [_finite_number(text) for text in cells[1:]]
-            wrong = [k for k, value in enumerate(values, start=2) if value is None]
-            issues += [
-                Issue(f"column {k} holds no finite number", place, None, "write 1.2e-8", "", line) for k in wrong
-            ]
-            matrix[names.index(name)] = [value or 0.0 for value in values]
+            values = np.array([number_or_nan(text) for text in cells[1:]])
+            for k in np.flatnonzero(~np.isfinite(values)) + 2:
+                issues.append(Issue(f"column {k} holds no finite number", place, None, "write 1.2e-8", "", line))
+            matrix[names.index(name)] = np.where(np.isfinite(values), values, 0.0)
     missing = [name for i, name in enumerate(names) if np.isnan(matrix[i]).all() and name in {*known}]
     if missing and not issues:
         issues.append(Issue(f"no row for {', '.join(missing)}", hint="every column needs the row of the same name"))
     return matrix, issues or (_asymmetry_issues(names, matrix) if {*names} <= {*known} else [])
 
 
-def _finite_number(text: str) -> float | None:
-    """The number of a cell; None where it holds none that is finite."""
-    try:
-        value = float(text)
-    except ValueError:
-        return None
-    return value if math.isfinite(value) else None
-
-
 def _asymmetry_issues(names: Sequence[str], matrix: Array) -> list[Issue]:
-    """The first pairs of entries that differ from each other by more than 1e-6 of the largest possible entry."""
     sigma = np.sqrt(np.abs(np.diag(matrix)))
     scale = np.outer(sigma, sigma)
     # 1e-6 of the largest possible entry: a file written with seven digits is symmetric.

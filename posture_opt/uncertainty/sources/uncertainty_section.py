@@ -18,20 +18,17 @@ from posture_opt.robot.robot import Robot
 from posture_opt.spec import Spec
 from posture_opt.uncertainty.sources.covariance_file import read_covariance
 from posture_opt.uncertainty.sources.repeatability import joint_sigmas
-from posture_opt.uncertainty.sources.sources import Sources, covariance_issues
-from posture_opt.uncertainty.sources.workpiece import FeatureErrors, WorkpieceErrors, workpiece_sources
+from posture_opt.uncertainty.sources.sources import (
+    FeatureErrors,
+    Sources,
+    WorkpieceErrors,
+    covariance_issues,
+    workpiece_sources,
+)
 from posture_opt.units import Angle, Length, Pixels, Quantity, parse_quantity
 
+# Two parameters and the coefficient of correlation of their errors
 Correlation = Annotated[tuple[str, str, float], Field(examples=[["joint1.a", "joint2.a", 0.8]])]
-"""Two parameters and the coefficient of correlation of their errors."""
-
-
-_ANGLE_PARAMETERS = ("theta", "alpha", "beta", "roll", "pitch", "yaw")
-"""Ends of the names of parameters that are angles."""
-_MAX_SIGMA_RAD = np.pi
-"""Of an angle: half a turn, from which on it is anywhere."""
-_LENGTH_PARAMETERS = ("d", "a", "x", "y", "z")
-"""Ends of the names of parameters that are lengths."""
 
 
 class MeasurementSpec(Spec):
@@ -77,59 +74,43 @@ class UncertaintySpec(Spec):
         return workpiece_sources(self.workpiece, self.feature)
 
     def build(self, arm: Arm, folder: Path, attached: Mapping[str, str] | None = None) -> Sources:
-        """The sources of an arm.
-
-        Args:
-            arm: with its effects, whose parameters may be uncertain too.
-            folder: where the name of a covariance file starts.
-            attached: name -> text of files that are not on the disk; looked up first.
-
-        Raises:
-            InputError: everything wrong with the section, keys relative to it.
-        """
+        """The sources of an arm."""
         robot = arm.robot
         dimensions = {n: "angle" if f.kind == "rotate" else "length" for n, f in robot.parameters.items()}
         dimensions |= arm.dimensions
-        issues = [*self._contradictions(), *self._weight_issues(robot)]
+        named, scatter = self._read(dimensions, folder, attached or {}, self._weight_issues(robot))
+        return self.completed(named, robot, scatter)
+
+    def _read(
+        self, dimensions: dict[str, str] | None, folder: Path, attached: Mapping[str, str], issues: list[Issue]
+    ) -> tuple[Sources, dict[str, float]]:
+        """What is stated of parameters, and the scatter [rad or m]; without dimensions no file is read."""
+        issues = [*self._contradictions(), *issues]
         named = Sources()
         try:
-            from_file = self.covariance and not self.sigma  # both are a contradiction, which is an issue already
-            named = self._from_file(dimensions, folder, attached or {}) if from_file else self._from_sigma(dimensions)
+            if dimensions is not None and self.covariance and not self.sigma:  # both are a contradiction already
+                named = self._from_file(dimensions, folder, attached)
+            else:
+                named = self._from_sigma(dimensions)
         except InputError as error:
             issues += error.issues
         scatter = {name: _read_sigma(name, text, dimensions, issues, "scatter") for name, text in self.scatter.items()}
         if issues:
             raise InputError(issues)
-        return self.completed(named, robot, scatter)
+        return named, scatter
 
     def completed(self, named: Sources, robot: Robot, scatter: Mapping[str, float]) -> Sources:
-        """The sources ``named`` with a repeatability, stated or of the data sheet, and with the ``scatter`` [rad or m].
-
-        Raises:
-            InputError: sigma and repeatability speak of one joint.
-        """
+        """The sources ``named`` with a repeatability, stated or of the data sheet, and with the ``scatter`` [rad or
+        m]."""
         both = scatter and self.covariance
         note = ("repeatability is added to the parameter uncertainty",) if both else ()
         return self._with_repeatability(named, robot).plus(Sources.scattering(scatter, note))
 
     def check(self) -> None:
-        """All of ``build`` that needs neither robot nor files: the end of a name decides between angles and lengths.
-
-        Raises:
-            InputError: everything wrong with the section, keys relative to it.
-        """
-        issues = self._contradictions()
-        try:
-            self._from_sigma(None)
-        except InputError as error:
-            issues += error.issues
-        for name, text in self.scatter.items():
-            _read_sigma(name, text, None, issues, "scatter")
-        if issues:
-            raise InputError(issues)
+        """All of ``build`` that needs neither robot nor files: the end of a name decides between angles and lengths."""
+        self._read(None, Path(), {}, [])
 
     def _contradictions(self) -> list[Issue]:
-        """Keys that exclude each other, or that lack another one."""
         issues = []
         if self.covariance and (self.sigma or self.correlation):
             hint = "the file holds variances and correlations alike; leave out sigma and correlation"
@@ -140,7 +121,6 @@ class UncertaintySpec(Spec):
         return issues
 
     def _weight_issues(self, robot: Robot) -> list[Issue]:
-        """Weights of joints that the robot lacks, or all of them zero."""
         names = robot.joint_names
         issues = [
             Issue("the robot has no such joint", ("weights", name), name, one_of(name, names, "joints"))
@@ -152,11 +132,7 @@ class UncertaintySpec(Spec):
         return issues
 
     def _from_file(self, dimensions: dict[str, str], folder: Path, attached: Mapping[str, str]) -> Sources:
-        """The sources of the covariance file.
-
-        Raises:
-            InputError: it cannot be read, or is no covariance.
-        """
+        """The sources of the covariance file."""
         assert self.covariance is not None
         text = attached.get(self.covariance)
         try:
@@ -170,11 +146,7 @@ class UncertaintySpec(Spec):
         return Sources(names, covariance, (f"covariance from {self.covariance}",))
 
     def _from_sigma(self, dimensions: dict[str, str] | None) -> Sources:
-        """The sources of ``sigma`` and ``correlation``; without dimensions those that a name has in any robot.
-
-        Raises:
-            InputError: everything wrong with both.
-        """
+        """The sources of ``sigma`` and ``correlation``; without dimensions those that a name has in any robot."""
         issues: list[Issue] = []
         sigma = {name: _read_sigma(name, text, dimensions, issues) for name, text in self.sigma.items()}
         names = tuple(sigma)
@@ -213,15 +185,10 @@ class UncertaintySpec(Spec):
 
     def _with_repeatability(self, named: Sources, robot: Robot) -> Sources:
         """The sources with joint errors from a repeatability: the stated one, or the data sheet's where nothing is
-        stated.
-
-        Raises:
-            InputError: sigma and repeatability both state one joint.
-        """
-        if self.repeatability is None and (robot.repeatability is None or self._states_any):
-            return named
+        stated."""
         if self.repeatability is None:
-            assert robot.repeatability is not None
+            if robot.repeatability is None or self.sigma or self.covariance or self.scatter:
+                return named
             value, source = robot.repeatability.value, robot.repeatability.source
             joints = joint_sigmas(robot, value, {})
             note = f"no uncertainty stated: data-sheet repeatability {value * 1e3:g} mm taken ({source})"
@@ -235,11 +202,6 @@ class UncertaintySpec(Spec):
             hint = "the repeatability holds the scatter of all joints: leave these out of sigma, or leave it out"
             raise InputError([replace(i, key=("repeatability",), hint=hint) for i in error.issues]) from None
 
-    @property
-    def _states_any(self) -> bool:
-        """Whether the section states any uncertainty but a repeatability."""
-        return bool(self.sigma or self.covariance or self.scatter)
-
 
 def _read_sigma(
     name: str, text: object, dimensions: dict[str, str] | None, issues: list[Issue],
@@ -247,7 +209,11 @@ def _read_sigma(
 ) -> float:  # fmt: skip
     """A standard deviation [rad or m, SI of an effect]; 0 with an issue where it is none."""
     key = (word, name)
-    known = _usual_parameters(name) if dimensions is None else dimensions
+    known = dimensions
+    if known is None:  # the parameters that a joint of some robot has
+        joint = name.rpartition(".")[0] or name
+        known = {f"{joint}.{word}": "angle" for word in ("theta", "alpha", "beta", "roll", "pitch", "yaw")}
+        known |= {f"{joint}.{word}": "length" for word in ("d", "a", "x", "y", "z")}
     unknown = name_issues(name, known)
     if unknown:
         issues.extend(issue.at(word) for issue in unknown)
@@ -260,15 +226,7 @@ def _read_sigma(
     if value < 0:
         hint = f"write {str(text).strip().lstrip('-').strip()}"
         issues.append(Issue(f"the standard deviation {text} is negative", key, text, hint))
-    if known[name] == "angle" and value > _MAX_SIGMA_RAD:
+    if known[name] == "angle" and value > np.pi:
         message = f"a standard deviation of {text} is more than half a turn: nothing would be known of this angle"
         issues.append(Issue(message, key, text, "is the unit right? typical are 0.01 deg to 1 deg"))
     return value
-
-
-def _usual_parameters(name: str) -> dict[str, str]:
-    """The parameters that a joint of some robot has, of the joint that ``name`` speaks of, with their dimensions."""
-    joint = name.rpartition(".")[0] or name
-    return {f"{joint}.{word}": "angle" for word in _ANGLE_PARAMETERS} | {
-        f"{joint}.{word}": "length" for word in _LENGTH_PARAMETERS
-    }

@@ -1,5 +1,8 @@
-"""How many digits of joint values are worth writing: rounding must be small compared with the scatter of the tool
-point.
+"""How many digits of joint values are worth writing: rounding must be small beside the scatter of the tool point.
+
+With the columns ``J_j`` of the Jacobian, rounding by steps ``h_j`` moves the tool point by up to ``Σ_j |J_j| h_j / 2``
+and with a standard deviation ``√(Σ_j |J_j|² h_j² / 12)``; where joints turn and slide, each kind may take half. The
+scatter is the root mean square of the standard deviations along the three axes, ``√(tr C / 3)``.
 """
 
 from __future__ import annotations
@@ -18,25 +21,14 @@ from posture_opt.uncertainty.moments.tool_point import ToolPoint
 from posture_opt.uncertainty.spread.spread import HasSources
 from posture_opt.units import fixed
 
-ROUNDING_SHARE = 0.01
-"""Share of the scatter by which rounding may move the tool point, every joint rounded to the worse side."""
-READABLE_SHARE = 0.3
-"""The same of values that people read and type in, as a standard deviation: the scatter grows by 5 %."""
-UNSTATED_SCATTER_M = 1e-4
-"""The scatter that is assumed where none is stated; rounding then moves the tool point by less than 1 µm."""
-_MIN_STEP = 1e-12
-"""Smallest step [rad or m]: below it no controller, and no float of half a turn, has digits."""
+ROUNDING_SHARE = 0.01  # of the scatter by which rounding may move the tool point, every joint to the worse side
 
 
 @dataclass(frozen=True)
 class JointDigits:
-    """The steps that joint values may be rounded to.
+    """The steps that joint values may be rounded to."""
 
-    Args:
-        turn: of revolute joints [rad]; slide: of prismatic ones [m].
-    """
-
-    turn: float
+    turn: float  # of revolute joints [rad]; slide: of prismatic ones [m]
     slide: float
 
     def decimals(self, joint: Joint, factor: float) -> int:
@@ -50,41 +42,22 @@ class JointDigits:
 
 
 def joint_digits(problem: HasSources, postures: ArrayLike, share: float = ROUNDING_SHARE) -> JointDigits:
-    """The digits with which rounding moves the tool point by less than a ``share`` of its scatter.
-
-    With the columns ``J_j`` of the Jacobian and steps ``h_j``, rounding moves the tool point by at most
-    ``Σ_j |J_j| h_j / 2``; where joints turn and slide, each kind may take half. The scatter is the root mean square of
-    the standard deviations along the three axes, ``√(tr C / 3)``.
-
-    Args:
-        problem: names ``arm`` and ``sources``.
-        postures: (N, n) or (n,) [rad or m]; the digits serve for all of them.
-    """
+    """The digits that move the tool point by less than a ``share`` of its scatter at all postures (N, n) [rad or m]."""
     return _coarsest(problem, postures, 2 * share, lambda lengths: float(np.sum(lengths)))
 
 
 def readable_digits(problem: HasSources, postures: ArrayLike) -> JointDigits:
-    """The digits that people type in: rounding moves the tool point by no more than `READABLE_SHARE` of its scatter, as
-    a standard deviation; one decimal at least.
+    """The digits that people type in, at postures (N, n) [rad or m]; one decimal at least.
 
-    An error of rounding by steps h has the standard deviation ``h / √12``, those of several joints
-    ``√Σ |J_j|² h_j² / 12``; where joints turn and slide, each kind may take half.
-
-    Args:
-        problem: names ``arm`` and ``sources``.
-        postures: (N, n) or (n,) [rad or m]; the digits serve for all of them.
+    Rounding moves the tool point by a standard deviation of 0.3 of its scatter, which grows by 5 %.
     """
-    allowed = READABLE_SHARE * math.sqrt(12.0)
+    allowed = 0.3 * math.sqrt(12.0)
     found = _coarsest(problem, postures, allowed, lambda lengths: float(np.linalg.norm(lengths)))
     return JointDigits(min(found.turn, math.radians(0.1)), min(found.slide, 1e-4))
 
 
 def readable_posture(problem: HasSources, q: ArrayLike) -> str:
-    """A posture in one line, to be read: joint1 12.3 deg, joint2 120.0 mm. Programs have more digits.
-
-    Args:
-        q: (n,) [rad or m]; written with `readable_digits`.
-    """
+    """A posture (n,) [rad or m] in one line with `readable_digits`: joint1 12.3 deg, joint2 120.0 mm."""
     digits, joints, texts = readable_digits(problem, q), problem.arm.robot.joints, []
     for joint, value in zip(joints, np.asarray(q, dtype=float), strict=True):
         unit, factor = joint_unit(joint.type)
@@ -93,9 +66,7 @@ def readable_posture(problem: HasSources, q: ArrayLike) -> str:
 
 
 def _coarsest(problem: HasSources, postures: ArrayLike, allowed: float, total: Callable[[Array], float]) -> JointDigits:
-    """The steps of which the ``total`` of all joints of a kind is ``allowed`` times the scatter, or half of it for two
-    kinds; at most a whole degree or millimetre.
-    """
+    """The steps whose ``total`` for a kind of joints is its part of the ``allowed`` scatter; at most 1 deg or 1 mm."""
     types = np.array([joint.type for joint in problem.arm.robot.joints])
     steps: dict[str, float] = {"revolute": math.radians(1.0), "prismatic": 1e-3}
     for q in np.atleast_2d(np.asarray(postures, dtype=float)):
@@ -103,11 +74,12 @@ def _coarsest(problem: HasSources, postures: ArrayLike, allowed: float, total: C
         for kind in set(types.tolist()):
             if (moved := total(reach[types == kind])) > 0:
                 steps[kind] = min(steps[kind], allowed * scatter(problem, q) / len(set(types.tolist())) / moved)
-    return JointDigits(max(steps["revolute"], _MIN_STEP), max(steps["prismatic"], _MIN_STEP))
+    least = 1e-12  # [rad or m]: below it no controller, and no float of half a turn, has digits
+    return JointDigits(max(steps["revolute"], least), max(steps["prismatic"], least))
 
 
 def scatter(problem: HasSources, q: Array) -> float:
     """The standard deviation of the tool point that rounding is compared with at a posture (n,) [m]."""
     tool_point, values = ToolPoint.of(problem.arm, problem.sources), [float(value) for value in q]
     first = np.asarray(tool_point.pose_first_order(values, tool_point.walk(values)[0]), dtype=float)[:3, :3]
-    return math.sqrt(max(float(np.trace(first)), 0.0) / 3) or UNSTATED_SCATTER_M
+    return math.sqrt(max(float(np.trace(first)), 0.0) / 3) or 1e-4  # where none is stated

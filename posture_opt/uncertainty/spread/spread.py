@@ -22,20 +22,14 @@ from posture_opt.uncertainty.moments.pose_covariance import POSE_FRAME, PoseCova
 from posture_opt.uncertainty.moments.second_order import Validity, second_order
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
 from posture_opt.uncertainty.regions.regions import Ellipsoid
-from posture_opt.uncertainty.sources.sources import Sources
-from posture_opt.uncertainty.sources.workpiece import of_workpiece
-from posture_opt.uncertainty.spread.budget import Share, budgets
-from posture_opt.uncertainty.spread.budget_groups import ShareGroup, share_groups
+from posture_opt.uncertainty.sources.sources import Sources, of_workpiece
+from posture_opt.uncertainty.spread.budget import Share, ShareGroup, budgets, share_groups
 from posture_opt.uncertainty.spread.task_spread import HasDirection, TaskSpread, task_spread
-
-_TARGET_TOLERANCE_M = 1e-4  # m: a tool point that is farther from the target of the task is at another place
 
 
 class HasSources(HasArm, Protocol):
-    """Anything that names an arm, its sources of error and perhaps its task, such as a ``Problem``.
-
-    ``task_sources``, which only a task asks for, are those of the arm and of the workpiece.
-    """
+    """Anything that names an arm, its sources of error and perhaps its task, such as a ``Problem``. ``task_sources``,
+    which only a task asks for, are those of the arm and of the workpiece."""
 
     @property
     def sources(self) -> Sources: ...
@@ -99,7 +93,8 @@ class Spread(Result):
         task, found = self.problem.task, []
         if task is not None and task.position is not None:
             off = float(np.linalg.norm(self.position - np.array(task.position)))
-            found += [state("uncertainty.beside-target", distance=Quantity(off))] if off > _TARGET_TOLERANCE_M else []
+            if off > 1e-4:  # m: at another place
+                found.append(state("uncertainty.beside-target", distance=Quantity(off)))
         for joint, excess in beyond_limits(self.robot, self.q):
             style = "stated angle" if joint.type == "revolute" else "stated length"
             id, limit = ("above", joint.upper) if excess > 0 else ("below", joint.lower)
@@ -222,8 +217,7 @@ class Spread(Result):
     def validity(self) -> Validity:
         """Whether the first-order ellipse may be trusted here."""
         reached, _ = self.tool_point.walk(self.q)
-        parts = second_order(reached, self.tool_point.indices, self.tool_point.covariance)
-        return Validity.of(parts.first, parts.curvature, parts.bias)
+        return Validity.of(*second_order(reached, self.tool_point.indices, self.tool_point.covariance))
 
     def fields_json(self) -> dict[str, Json]:
         """The document ``spread.json``: SI units, finite numbers only."""
@@ -282,15 +276,9 @@ def propagate(problem: HasSources, posture: PostureLike) -> Spread:
 def relative_spread(
     problem: HasSources, q: Sequence[float] | Array, lever: Sequence[float] | Array, sources: Sources | None = None
 ) -> Spread:
-    """The spread of the tool relative to what it works on: `propagate` with the errors of the workpiece.
+    """The spread at q (n,) relative to what the tool works on: `propagate` with the errors of the workpiece.
 
-    Args:
-        q: (n,) posture [rad or m].
-        lever: (3,) from the workpiece's origin to the tool point [m], world.
-        sources: in place of the problem's ``task_sources``.
-
-    Raises:
-        InputError: a problem without sources of error.
+    The lever (3,) goes from its origin to the tool point [m], world; ``sources`` replace the ``task_sources``.
     """
     sources = problem.task_sources if sources is None else sources
     require_sources(sources)
@@ -319,11 +307,7 @@ def _spread_of(problem: HasSources, sources: Sources, tool_point: ToolPoint, q: 
 
 
 def require_sources(sources: Sources) -> None:
-    """Refuse a problem in which nothing is uncertain.
-
-    Raises:
-        InputError: with an example of what to add.
-    """
+    """Refuse a problem in which nothing is uncertain."""
     if sources.empty:
         hint = "add for example uncertainty: {sigma: {joint1.theta: 0.02 deg}} or uncertainty: {repeatability: 0.05 mm}"
         raise InputError(Issue("nothing is uncertain, so nothing scatters", ("uncertainty",), hint=hint))
@@ -344,12 +328,7 @@ def ellipse_basis(tool_point: ToolPoint, covariance: Array) -> Array:
 
 
 def ellipse_json(ellipse: Ellipsoid, directions: Array) -> dict[str, Json]:
-    """Semi-axes of one standard deviation [m] and, one a row, their unit vectors in the world.
-
-    Args:
-        ellipse: in the coordinates of some directions.
-        directions: (m, 3) these directions, one a row, world.
-    """
+    """Semi-axes of one σ [m] and their directions in the world; the ellipse is in coordinates along ``directions``."""
     return {
         "semi_axes_1sigma": ellipse.semi_axes.tolist(),
         "axes": (ellipse.axes.T @ directions).tolist(),
@@ -360,7 +339,7 @@ def ellipse_json(ellipse: Ellipsoid, directions: Array) -> dict[str, Json]:
 
 def budget_json(shares: Sequence[Share]) -> list[dict[str, Json]]:
     """The shares as the documents list them."""
-    return [{"parameter": share.parameter, "share": share.share} for share in shares]
+    return [dict(vars(share)) for share in shares]
 
 
 def groups_json(groups: Sequence[ShareGroup]) -> list[dict[str, Json]]:

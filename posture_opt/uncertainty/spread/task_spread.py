@@ -17,15 +17,10 @@ from posture_opt.uncertainty.moments.tool_point import ToolPoint
 from posture_opt.uncertainty.regions.clearance import within_clearance
 from posture_opt.uncertainty.regions.critical import PARTS, Critical, Within
 from posture_opt.uncertainty.regions.regions import deviation
-from posture_opt.uncertainty.spread.budget import Share, budget
-from posture_opt.uncertainty.spread.budget_groups import ShareGroup, share_groups
-from posture_opt.uncertainty.spread.held_part import HeldPart
-from posture_opt.uncertainty.spread.peg_spread import PegSpread, peg_spread
-from posture_opt.uncertainty.spread.yaw_spread import YawSpread
+from posture_opt.uncertainty.spread.budget import Share, ShareGroup, budget, share_groups
+from posture_opt.uncertainty.spread.peg_spread import HeldPart, PegSpread, YawSpread, peg_spread
 
 Vector = tuple[float, float, float]
-_IN_PLANE_COSINE = 1e-9
-"""A direction that leaves the plane of an arm by less lies in it."""
 
 
 class HasDirection(Protocol):
@@ -55,30 +50,18 @@ class HasDirection(Protocol):
 
 @dataclass(frozen=True)
 class TaskSpread:
-    """A spread as a task sees it.
+    """A spread as a task sees it."""
 
-    Args:
-        kind: of the task.
-        axes: (3, 3) the frame to look at it in, one axis a row, world: two across the direction, then the direction.
-        clearance: radial [m], NaN without one.
-        critical: the part of the spread that counts.
-        sigma_along: standard deviation along the direction [m].
-        tool_point, q: whose budget it is, at which posture.
-        peg: where the task has a peg, its two ends; ``critical`` is then that of the worse one.
-        yaw: rotation about the direction, where the task depends on it.
-        expansion: coverage factor of the expanded uncertainty, where one is asked for.
-    """
-
-    kind: str
-    axes: Array
-    clearance: float
-    critical: Critical
-    sigma_along: float
-    tool_point: ToolPoint
+    kind: str  # of the task
+    axes: Array  # (3, 3) two across the direction, then the direction, one a row, world
+    clearance: float  # radial [m], NaN without one
+    critical: Critical  # the part of the spread that counts
+    sigma_along: float  # standard deviation along the direction [m]
+    tool_point: ToolPoint  # whose budget it is
     q: tuple[float, ...]
-    peg: PegSpread | None = None
-    yaw: YawSpread | None = None
-    expansion: float | None = None
+    peg: PegSpread | None = None  # where the task has a peg, its two ends; critical is then that of the worse one
+    yaw: YawSpread | None = None  # rotation about the direction, where the task depends on it
+    expansion: float | None = None  # coverage factor of the expanded uncertainty, where one is asked for
 
     @property
     def direction(self) -> Array:
@@ -99,7 +82,7 @@ class TaskSpread:
 
     @cached_property
     def budget_groups(self) -> tuple[ShareGroup, ...]:
-        """The same budget, sources whose errors cancel taken together."""
+        """Shares of sources, those whose errors cancel together."""
         return share_groups(self.budget, self.tool_point, self.q, self.critical.worst_axis)
 
     def statements(self, taught: bool) -> Iterator[Statement]:
@@ -113,92 +96,68 @@ class TaskSpread:
         yield from self.success_statement(taught)
 
     def success_statement(self, taught: bool) -> Iterator[Statement]:
-        """The probability of success with its condition; nothing without a clearance.
-
-        Args:
-            taught: whether nothing errs but from repeat to repeat: what is left out is likelier than 0.1 %.
-        """
+        """The probability of success with its condition; nothing without a clearance."""
         if self.success_probability is not None:
             id = "uncertainty.success-taught" if taught else "uncertainty.success"
             p, clearance = Quantity(self.success_probability, "probability"), Quantity(self.clearance, "stated length")
             yield state(id, probability=p, clearance=clearance)
 
     def sampled(self, covariance: Array, bias: Array) -> TaskSpread:
-        """The same task with another covariance (3, 3) [m²] and mean shift (3,) [m], of a sample say."""
+        """With another covariance (3, 3) [m²] and mean shift (3,) [m], of a sample say."""
         critical = Critical.of(self.critical.within, self.critical.basis.T, covariance, bias)
         return replace(self, peg=None, yaw=None, critical=critical, sigma_along=sigma_along(self.direction, covariance))
 
     def hits(self, shift: Array, rotation: Array) -> int:
-        """How many tool poses stay within the clearance.
+        """How many tool poses, by shifts (N, 3) [m] and rotation vectors (N, 3) [rad], world, are in the clearance."""
+        ends = [shift] if self.peg is None else [shift, self.peg.top_shift(shift, rotation)]
+        distances = [np.linalg.norm(end @ self.critical.basis.T, axis=1) for end in ends]
+        return int(np.count_nonzero(np.max(distances, axis=0) <= self.clearance))
 
-        Args:
-            shift: (N, 3) of the tool point from the nominal one [m]; rotation: (N, 3) rotation vectors [rad], world.
-        """
-        within = np.linalg.norm(shift @ self.critical.basis.T, axis=1) <= self.clearance
-        if self.peg is not None:
-            within &= (
-                np.linalg.norm(self.peg.top_shift(shift, rotation) @ self.critical.basis.T, axis=1) <= self.clearance
-            )
-        return int(np.count_nonzero(within))
+    @property
+    def expanded(self) -> tuple[float, float] | None:
+        """Expanded uncertainty ``U = k u`` [m] along the direction and in the worst one (JCGM 100:2008, 6.2.1)."""
+        if self.expansion is None:
+            return None
+        return self.expansion * self.sigma_along, self.expansion * self.critical.sigma_max
 
     def of_task(self, task: HasDirection, basis: Array, covariance: Array) -> TaskSpread:
-        """The same with what else the task depends on: the yaw, the expanded uncertainty, the other end of a peg.
+        """With yaw, expanded uncertainty and the worse end of a peg, as far as the task depends on them.
 
-        Args:
-            basis: (3, m) of what counts; covariance: (3, 3) of the tool point [m²], world.
+        The basis (3, m) is that of what counts, the covariance (3, 3) of the tool point [m²], world.
         """
         seen = replace(self, expansion=task.expansion)
         if task.uses_yaw:
             turning = pose_covariance(self.tool_point, self.q, covariance).covariance[3:, 3:]
             seen = replace(seen, yaw=YawSpread.of(turning, self.direction, task.yaw_lever, self.critical))
-        return seen if task.part is None else seen._with_peg(task.part, basis)
-
-    @property
-    def expanded(self) -> tuple[float, float] | None:
-        """Expanded uncertainty [m] along the direction and in the worst one that counts; None where none is asked for.
-
-        ``U = k u`` with the standard uncertainty u (JCGM 100:2008, 6.2.1).
-        """
-        if self.expansion is None:
-            return None
-        return self.expansion * self.sigma_along, self.expansion * self.critical.sigma_max
-
-    def _with_peg(self, part: HeldPart, basis: Array) -> TaskSpread:
-        """The same with both ends of a peg; the worse end counts."""
-        peg = peg_spread(part, self.tool_point, self.q, (self.critical, basis), self.clearance)
-        if peg.top.sigma_max <= peg.tip.sigma_max:
-            return replace(self, peg=peg)
-        return replace(self, peg=peg, critical=peg.top, tool_point=part.behind(self.tool_point))
+        if task.part is None:
+            return seen
+        seen = replace(seen, peg=peg_spread(task.part, self.tool_point, self.q, (self.critical, basis), self.clearance))
+        assert seen.peg is not None
+        if seen.peg.top.sigma_max <= seen.peg.tip.sigma_max:
+            return seen
+        return replace(seen, critical=seen.peg.top, tool_point=task.part.behind(self.tool_point))
 
     def to_json(self) -> dict[str, Json]:
-        """What the documents say of it."""
-        return {
+        found: dict[str, Json] = {
             "critical": self.critical.to_json() | {"sigma_along": self.sigma_along},
             "success_probability": self.success_probability,
-            **({} if self.peg is None else {"peg": self.peg.to_json()}),
-            **({} if self.yaw is None else {"yaw": self.yaw.to_json()}),
-            **self._expanded_json(),
         }
-
-    def _expanded_json(self) -> dict[str, Json]:
-        """The expanded uncertainty, where one is asked for."""
-        if self.expanded is None:
-            return {}
-        along, worst = self.expanded
-        return {"expanded_uncertainty": {"coverage_factor": self.expansion, "along": along, "worst": worst}}
+        if self.peg is not None:
+            found["peg"] = self.peg.to_json()
+        if self.yaw is not None:
+            found["yaw"] = self.yaw.to_json()
+        if self.expanded is not None:
+            along, worst = self.expanded
+            found["expanded_uncertainty"] = {"coverage_factor": self.expansion, "along": along, "worst": worst}
+        return found
 
 
 def task_spread(
     task: HasDirection, tool_point: ToolPoint, q: tuple[float, ...], moments: tuple[Array, Array], normal: Array | None
 ) -> TaskSpread:
-    """The part of the spread of a tool point that counts for a task, at a posture.
+    """The part of the spread at a posture that counts for a task, from mean shift (3,) [m] and covariance (3, 3) [m²].
 
-    Args:
-        task: direction, clearance and what else it depends on.
-        tool_point: arm and sources.
-        q: (n,) posture [rad or m].
-        moments: mean shift (3,) [m] and covariance (3, 3) [m²] of the tool point, world.
-        normal: (3,) of the plane that the tool point never leaves, None for an arm in space.
+    ``normal`` (3,) is that of the plane that the tool point never leaves, world; None for an arm in space.
     """
     bias, covariance = moments
     at = tool_point.walk([float(v) for v in q])[0].position
@@ -218,14 +177,7 @@ def sigma_along(direction: Array, covariance: Array) -> float:
 
 
 def task_basis(within: Within, direction: Array, normal: Array | None) -> Array:
-    """(3, m) orthonormal basis of the part of the spread that counts, world.
-
-    Args:
-        within: which part.
-        direction: (3,) unit vector, world.
-        normal: (3,) of the plane that the tool point never leaves, None for an arm in space. Across a direction in
-            that plane there is one axis and not two.
-    """
+    """(3, m) orthonormal basis of what counts, world; across a direction in the arm's plane it has one axis."""
     if within == "along":
         return direction[:, None]
     if within == "across":
@@ -237,14 +189,12 @@ def task_basis(within: Within, direction: Array, normal: Array | None) -> Array:
 
 def lies_in_plane(direction: Array, normal: Array | None) -> bool:
     """Whether a unit vector (3,) lies in the plane with that normal (3,); not where there is no plane."""
-    return normal is not None and abs(float(normal @ direction)) < _IN_PLANE_COSINE
+    return normal is not None and abs(float(normal @ direction)) < 1e-9
 
 
 def across_basis(direction: Array, normal: Array | None) -> Array:
     """(3, 2) orthonormal basis of the plane across a unit vector (3,); its first vector in the arm's plane if it can.
-
-    Its sign is the one that people expect: the largest component positive.
-    """
+    Its sign is the one that people expect: the largest component positive."""
     d = direction
     if normal is not None and lies_in_plane(d, normal):
         b1 = np.cross(normal, d)

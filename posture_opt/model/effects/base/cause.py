@@ -1,67 +1,54 @@
-"""``Cause``: what a diagnosis names, or sets against what it names, with its own words and the axis of its figure."""
+"""``Cause``: what a diagnosis names or weighs, with its words and the axis of its figure; ``CatalogueEntry``: those of
+a file."""
 
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
+from pydantic import WithJsonSchema
 
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar
 from posture_opt.numerics import TURN, Array
+from posture_opt.robot.robot import Robot
+from posture_opt.spec import Spec
 from posture_opt.units import plus_minus, shown
 
-if TYPE_CHECKING:
-    from posture_opt.robot.robot import Robot
-
+# What to measure where neither of two causes says it
 _ANY_MEASUREMENT = "measure postures in which the two predict different errors"
-"""What to measure where neither of two causes says it."""
 
 
 @dataclass(frozen=True)
 class Size:
-    """One size of a cause in words.
+    """One size of a cause, as text."""
 
-    Args:
-        label: what it is, ``amplitude`` say.
-        text: the number with its unit and standard error.
-        more: explains the number; empty where nothing is to be explained.
-    """
-
-    label: str
-    text: str
-    more: str = ""
+    label: str  # what it is, amplitude say
+    text: str  # the number with its unit and standard error
+    more: str = ""  # explains the number; empty where nothing is to be explained
 
     def __str__(self) -> str:
         return f"{self.text}{self.more}"
 
 
-ROWS = "rows"
-"""Unit of a time where none is logged: rows are counted."""
+ROWS = "rows"  # Unit of a time where none is logged: rows are counted
 
 
 @dataclass(frozen=True, eq=False)
 class FittedSizes:
-    """What a fit says of one cause.
+    """What a fit says of one cause."""
 
-    Args:
-        values: parameter or shape -> (value, standard error, SI unit).
-        covariance: (k, k) of the linear parameters, where it is known [SI].
-        turn: least and largest turn of its joint in the data, where it turns one [rad].
-        rms: root mean square of that turn about its mean, with its standard error [rad].
-        span: range of that joint in the data [rad]; 0 where it is not known.
-        resolution: distance up to which its values do not tell two frequencies apart [cycles per revolution].
-    """
-
-    values: Mapping[str, tuple[float, float, str]]
-    covariance: Array | None = None
-    turn: tuple[float, float] | None = None
+    values: Mapping[str, tuple[float, float, str]]  # parameter or shape -> (value, standard error, SI unit)
+    covariance: Array | None = None  # (k, k) of the linear parameters, where it is known [SI]
+    turn: tuple[float, float] | None = None  # least and largest turn of its joint in the data, where it turns one [rad]
+    # root mean square of that turn about its mean, with its standard error [rad]
     rms: tuple[float, float] | None = None
-    span: float = 0.0
-    resolution: float = 0.0
+    span: float = 0.0  # range of that joint in the data [rad]; 0 where it is not known
+    resolution: float = 0.0  # distance up to which its values do not tell two frequencies apart [cycles per revolution]
 
     @property
     def timed(self) -> bool:
@@ -69,33 +56,23 @@ class FittedSizes:
         return all(unit != ROWS for _, _, unit in self.values.values())
 
     def entry(self, name: str) -> tuple[float, float]:
-        """Value and standard error [SI] of a parameter or a shape.
-
-        Raises:
-            KeyError: the fit has none of this name.
-        """
+        """Value and standard error [SI] of a parameter or a shape."""
         value, std, _ = self.values[name]
         return value, std
 
 
 class Cause:
-    """A named effect, a kind of noise, a geometric deviation or an unnamed component, at one target.
+    """A named effect, a kind of noise, a geometric deviation or an unnamed component, at one target. Subclasses have
+    ``kind`` and ``target``, the names in files."""
 
-    Subclasses have ``kind`` and ``target``, the names in files.
-    """
-
-    phrase: ClassVar[str] = ""
-    """What is wrong, in one clause; ``{target}`` stands for the target."""
-    measurement: ClassVar[str] = ""
-    """What to measure to see this cause by itself."""
-    inspection: ClassVar[str] = ""
-    """What to look at on the arm, or at the instrument; ``{target}`` stands for the target."""
+    phrase: ClassVar[str] = ""  # What is wrong, in one clause; {target} stands for the target
+    measurement: ClassVar[str] = ""  # What to measure to see this cause by itself
+    inspection: ClassVar[str] = ""  # What to look at on the arm, or at the instrument; {target} stands for the target
+    # Why it is looked at before the arm works on, {target} the target; empty where the arm can
     urgent: ClassVar[str] = ""
-    """Why it is looked at before the arm works on, ``{target}`` the target; empty where the arm can."""
-    decisive: ClassVar[bool] = False
-    """Whether that measurement discriminates it from any other cause."""
+    decisive: ClassVar[bool] = False  # Whether that measurement discriminates it from any other cause
+    # Kind that could be confused with it -> the measurement that discriminates the two; a pair needs one entry
     rivals: ClassVar[Mapping[str, str]] = {}
-    """Kind that could be confused with it -> the measurement that discriminates the two; a pair needs one entry."""
 
     if TYPE_CHECKING:
 
@@ -111,19 +88,11 @@ class Cause:
         return self.phrase.format(target=self.target)
 
     def worded(self, estimate: FittedSizes) -> str:
-        """The cause in one clause, as its fitted size has it; `words` where the size does not change them.
-
-        Args:
-            estimate: values and standard errors of its parameters and shapes.
-        """
+        """The cause in one clause, as its fitted size has it; `words` where the size does not change them."""
         return self.words
 
     def inspect(self, robot: Robot) -> str:
-        """What to look at on the arm, or at the instrument, in one line.
-
-        Args:
-            robot: the arm, whose gear ratios say which part turns how often.
-        """
+        """What to look at on the arm, or at the instrument, in one line."""
         return self.inspection.format(target=self.target)
 
     def inspect_fitted(self, robot: Robot, estimate: FittedSizes) -> str:
@@ -132,7 +101,6 @@ class Cause:
 
     @property
     def title(self) -> str:
-        """The kind as it is read: "joint compliance"."""
         return self.kind.replace("_", " ")
 
     @property
@@ -168,25 +136,21 @@ class Cause:
 
     @property
     def exclusive(self) -> tuple[object, ...]:
-        """Causes for which this is equal are shapes of one cause: only one of them can be true."""
+        """Causes with equal values are shapes of one cause: only one of them can be true."""
         return self.kind, self.target
 
     @property
     def spectral_lines(self) -> tuple[float, ...]:
-        """Cycles per revolution at which it appears in the periodogram of its joint; none where it is no line."""
+        """Cycles per revolution in the periodogram of its joint."""
         return ()
 
     @property
     def moved_joint(self) -> str:
-        """The joint whose value it changes; empty where it changes none or several."""
+        """The one joint whose value it changes, or an empty text."""
         return ""
 
     def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
-        """How large it is, the size that says most first.
-
-        Args:
-            estimate: values and standard errors of its parameters and shapes.
-        """
+        """The size that says most first."""
         return ()
 
     def headline(self, estimate: FittedSizes) -> str:
@@ -195,10 +159,8 @@ class Cause:
         return sizes[0].text if sizes else ""
 
     def discrimination(self, rival: Cause) -> str:
-        """What to measure so that one of the two is refuted.
-
-        First what the pair says of each other, then a measurement that is decisive alone, then both measurements.
-        """
+        """What to measure so that one of the two is refuted. First what the pair says of each other, then a measurement
+        that is decisive alone, then both measurements."""
         if self.kind == rival.kind and self.moved_joint and rival.moved_joint:
             return f"move {self.moved_joint} while {rival.moved_joint} is at rest, and vice versa"
         pair = self.rivals.get(rival.kind) or rival.rivals.get(self.kind, "")
@@ -210,16 +172,7 @@ class Cause:
 
 
 def amplitude(sin: float, cos: float, covariance: Array | None) -> tuple[float, float]:
-    """``√(sin² + cos²)`` and its standard error, to first order.
-
-    Args:
-        sin, cos: the two coefficients [rad].
-        covariance: (2, 2) of them [rad²]; NaN as standard error where it is not known, or the vector is zero.
-
-    Example:
-        >>> amplitude(3.0, 4.0, np.eye(2))
-        (5.0, 1.0)
-    """
+    """``√(sin² + cos²)`` [rad] and its standard error to first order, by the covariance (2, 2) [rad²] or NaN."""
     size = math.hypot(sin, cos)
     if covariance is None or size == 0:
         return size, math.nan
@@ -229,12 +182,7 @@ def amplitude(sin: float, cos: float, covariance: Array | None) -> tuple[float, 
 
 
 def compliance_size(name: str, value: float, std: float) -> Size:
-    """A compliance [rad/(N m)] with the stiffness that it is the inverse of.
-
-    Args:
-        name: label of the size.
-        value, std: estimate and standard error [rad/(N m)]; the stiffness ``1/c`` has ``std/c²``.
-    """
+    """A compliance [rad/(N m)] ± std with the stiffness ``1/c ± std/c²``."""
     text = shown(value, "angle per torque", std)
     if value <= 0:
         return Size(name, text, " (negative, so that it represents something else)")
@@ -243,45 +191,25 @@ def compliance_size(name: str, value: float, std: float) -> Size:
 
 @dataclass(frozen=True, eq=False)
 class Abscissa:
-    """Values (N,) of one axis of a figure.
+    """Values (N,) of one axis of a figure."""
 
-    Args:
-        values: (N,) in the unit of the label.
-        label: quantity and unit.
-        side: (N,) side of approach −1 or +1 where the effect is one curve for each, 0 where it is not known.
-    """
-
-    values: Array
-    label: str
-    side: Array
+    values: Array  # (N,) in the unit of the label
+    label: str  # quantity and unit
+    side: Array  # (N,) side of approach −1 or +1 where the effect is one curve for each, 0 where it is not known
 
     @classmethod
     def of(cls, state: ArmState, values: Scalar, label: str, side: Scalar = 1.0) -> Abscissa:
-        """An axis of values that are the same in all rows, or one a row.
-
-        Args:
-            state: of N rows.
-            values, side: numbers or (N,).
-            label: quantity and unit.
-        """
+        """An axis of values and sides, numbers or (N,)."""
         n = len(np.atleast_1d(np.asarray(state.q[0])))
         return cls(_as_rows(values, n), label, _as_rows(side, n))
 
 
 def _as_rows(values: Any, n: int) -> Array:
-    """(N,) a number repeated, or the values as they are."""
     return np.broadcast_to(np.asarray(values, dtype=float), (n,))
 
 
 def over_joint(state: ArmState, joint: int, note: str = "", side: Scalar = 1.0) -> Abscissa:
-    """The value of a joint, in degrees or millimetres.
-
-    Args:
-        state: of N rows.
-        joint: index.
-        note: behind the label.
-        side: (N,) where the effect is one curve for each side.
-    """
+    """The value of a joint, in degrees or millimetres. side: (N,) where the effect is one curve for each side."""
     of = state.robot.joints[joint]
     factor, unit = (math.degrees(1.0), "deg") if of.type == "revolute" else (1e3, "mm")
     return Abscissa.of(state, factor * np.asarray(state.q[joint]), f"{of.name} [{unit}]{note}", side)
@@ -301,3 +229,104 @@ def over_time(state: ArmState, timed: bool) -> Abscissa:
         if timed
         else Abscissa.of(state, time + 1.0, "row, in the order of measuring")
     )
+
+
+Input = str  # A key of INPUTS
+# A number for a ratio, else a text with a unit; read where the dimension of the parameter is known
+Quantity = Annotated[Any, WithJsonSchema({"type": ["string", "number"]})]
+
+
+@dataclass(frozen=True)
+class NeededInput:
+    """What an effect may need to be seen."""
+
+    words: str  # its name in reports
+    hint: str  # how to supply it
+
+
+# Key of an input -> its name and how to supply it
+INPUTS: dict[Input, NeededInput] = {
+    "approach": NeededInput(
+        "both sides", "approach each joint value from both sides; columns 'JOINT.approach' state them"
+    ),
+    "payload": NeededInput("payload", "measure with two payloads or more, in a column 'payload [kg]'"),
+    "temperature": NeededInput("temperature", "log it as it changes, in a column 'temperature [degC]'"),
+    "time": NeededInput("time", "log it in a column 'time [s]'"),
+    "speed": NeededInput("motion", "measure along a moving path and log the time of its rows in a column 'time [s]'"),
+    "masses": NeededInput("masses", "state 'mass' and 'com' of every joint in the problem file"),
+    "gear_ratio": NeededInput("gear ratio", "state 'gear_ratio' of every joint in the problem file"),
+}
+
+
+@dataclass(frozen=True)
+class Limit:
+    """A cause that cannot be known from data of a kind."""
+
+    kind: str  # kind, target: of the cause
+    target: str
+    reason: str  # why not
+    hint: str  # what would show it
+
+    def to_json(self) -> dict[str, str]:
+        """The entry of ``unknowable`` in ``diagnosis.json``."""
+        return {"kind": self.kind, "target": self.target, "reason": self.reason, "hint": self.hint, "mend": self.hint}
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What one robot's data are made of."""
+
+    positions: bool  # whether an instrument measured lengths, in place of touched points and planes
+    lengths: tuple[str, ...]  # names of the arm's lengths that the data could say something about
+
+
+class CatalogueEntry(Cause, Spec):
+    """One kind of the catalogue at one target: an entry of ``effects:`` in a problem file."""
+
+    summary: ClassVar[str]  # One line for optimize-posture list
+    shape_units: ClassVar[Mapping[str, str]] = {}  # SI units of the fields that have one
+    needs: ClassVar[frozenset[Input]] = frozenset()  # Inputs without which the effect cannot be seen
+
+    kind: str
+
+    @property
+    @abstractmethod
+    def target(self) -> str:
+        """What the effect is of: a joint, a length, base, tool, payload, instrument or data."""
+
+    @property
+    def name(self) -> str:
+        """``kind(target)``."""
+        return f"{self.kind}({self.target})"
+
+    @property
+    def stated_words(self) -> str:
+        """Kind, target and stated size: "joint compliance of elbow 8.00 µrad/(N m) (stiffness 125 kN m/rad)"."""
+        named = f"{self.title} of {self.place}" if self.place else self.title
+        qualifier = f", {self.qualifier}" if self.qualifier else ""
+        return f"{named} {self.stated_size}{qualifier}"
+
+    @property
+    @abstractmethod
+    def stated_size(self) -> str: ...
+
+    @classmethod
+    def kind_name(cls) -> str:
+        """The ``kind`` of every instance."""
+        return str(cls.model_fields["kind"].default)
+
+    def check_robot(self, robot: Robot) -> None:
+        """Refuse a robot that lacks what the effect is about."""
+
+    @classmethod
+    def unknowable(cls, evidence: Evidence) -> Limit | None:
+        """Why no data of this kind can ever show the effect, whatever its size; ``None`` where they can."""
+        return None
+
+    def to_dict(self) -> dict[str, Any]:
+        """The entry of ``effects:`` in a problem file, with units; empty and absent fields are left out."""
+        entry = {key: value for key, value in self.model_dump(exclude_none=True).items() if value not in ({}, ())}
+        for name, unit in self.shape_units.items():
+            if name in entry:
+                entry[name] = f"{entry[name]:.12g} {unit}"
+        return {key: list(value) if isinstance(value, tuple) else value for key, value in entry.items()}

@@ -13,33 +13,26 @@ from pydantic import ConfigDict, Field, model_validator
 
 from posture_opt.errors import BadValueError
 from posture_opt.model.arm_state import ArmState
-from posture_opt.model.chain import ZERO, Scalar, Vector, scale
-from posture_opt.model.effects.base.catalogue_entry import CatalogueEntry, Input, Quantity
-from posture_opt.model.effects.base.cause import Abscissa, FittedSizes, Size
+from posture_opt.model.chain import ZERO, Scalar, Vector, cross, scale, subtract
+from posture_opt.model.effects.base.cause import Abscissa, CatalogueEntry, FittedSizes, Input, Quantity, Size
+from posture_opt.model.effects.base.multiples import RotatingPart
 from posture_opt.model.effects.base.plausible_range import PlausibleRange
-from posture_opt.model.effects.base.rotating_parts import RotatingPart
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
 from posture_opt.units import DIMENSIONS, parse_quantity, shown
 
-NOT_NEGATIVE = (0.0, math.inf)
-"""Limits of a parameter [SI] that yields along a load: with the other sign it does not."""
+NOT_NEGATIVE = (0.0, math.inf)  # Limits of a parameter [SI] that yields along a load: with the other sign it does not
+# Factor to either side of a point on a geometric grid of shapes, between which the best shape is searched
 _SHAPE_NEIGHBOUR = 1.6
-"""Factor to either side of a point on a geometric grid of shapes, between which the best shape is searched."""
 
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """What one unit of a parameter does: it adds to joints and lengths, and shifts and turns the tool.
+    """What one unit of a parameter does: it adds to joints and lengths, and shifts and turns the tool."""
 
-    Args:
-        joints: joint index -> increment of the joint value [rad or m].
-        lengths: name of a model parameter -> increment [rad or m].
-        twist: shift (3,) of the tool point [m] and small rotation (3,) of the tool [rad], (v, ω), world axes.
-    """
-
-    joints: Mapping[int, Scalar] = field(default_factory=dict)
-    lengths: Mapping[str, Scalar] = field(default_factory=dict)
+    joints: Mapping[int, Scalar] = field(default_factory=dict)  # joint index -> increment of the joint value [rad or m]
+    lengths: Mapping[str, Scalar] = field(default_factory=dict)  # name of a model parameter -> increment [rad or m]
+    # shift (3,) of the tool point [m] and small rotation (3,) of the tool [rad], (v, ω), world axes
     twist: tuple[Vector, Vector] = (ZERO, ZERO)
 
     @property
@@ -56,25 +49,16 @@ class Sensitivity:
 
 @dataclass(frozen=True)
 class Excitation:
-    """What measurements, or a problem, can show of effects.
+    """What measurements, or a problem, can show of effects."""
 
-    Args:
-        robot: whose joints they are.
-        inputs: those that are known and vary: approach, payload, temperature, time.
-        span: (n,) range of each joint in the data [rad or m].
-        duration: of the measurements [s].
-        times: (N,) of the rows [s]; empty where nothing is measured.
-        oriented: whether a turn of the tool about its point shows: orientations, or several targets, are measured.
-        contact: whether the tool touches what is measured, and no instrument looks at it.
-    """
-
-    robot: Robot
-    inputs: frozenset[Input]
-    span: tuple[float, ...]
-    duration: float = 0.0
-    times: tuple[float, ...] = ()
+    robot: Robot  # whose joints they are
+    inputs: frozenset[Input]  # those that are known and vary: approach, payload, temperature, time
+    span: tuple[float, ...]  # (n,) range of each joint in the data [rad or m]
+    duration: float = 0.0  # of the measurements [s]
+    times: tuple[float, ...] = ()  # (N,) of the rows [s]; empty where nothing is measured
+    # whether a turn of the tool about its point shows: orientations, or several targets, are measured
     oriented: bool = False
-    contact: bool = False
+    contact: bool = False  # whether the tool touches what is measured, and no instrument looks at it
 
     def moving(self, *types: str) -> tuple[str, ...]:
         """Names of the joints of these types that move in the data."""
@@ -84,7 +68,6 @@ class Excitation:
 
 
 def _schema_of_estimate(schema: dict[str, Any], cls: type[Any]) -> None:
-    """Name the parameters in the JSON Schema, for editors that complete and check."""
     known = getattr(cls, "parameters", ())
     if not known:
         return
@@ -95,7 +78,6 @@ def _schema_of_estimate(schema: dict[str, Any], cls: type[Any]) -> None:
 
 
 def _schema_of(dimension: str) -> dict[str, Any]:
-    """The JSON Schema of a parameter of a dimension."""
     if dimension == "ratio":
         return {"type": "number", "description": "a ratio", "examples": [2e-4]}
     return {
@@ -108,26 +90,21 @@ class Effect(CatalogueEntry):
 
     model_config: ClassVar[ConfigDict] = ConfigDict(json_schema_extra=_schema_of_estimate)
 
-    parameters: ClassVar[tuple[tuple[str, str], ...]]
-    """Name and dimension of each linear parameter."""
-    shape: ClassVar[tuple[str, ...]] = ()
-    """Fields that enter in another way than linearly, found by a search."""
+    parameters: ClassVar[tuple[tuple[str, str], ...]]  # Name and dimension of each linear parameter
+    shape: ClassVar[tuple[str, ...]] = ()  # Fields that enter in another way than linearly, found by a search
+    # Whose share of the error level a diagnosis tests it with: what comes in many shapes is kept by itself
     family: ClassVar[Literal["named", "steps", "periodic"]] = "named"
-    """Whose share of the error level a diagnosis tests it with: what comes in many shapes is kept by itself."""
+    # What its parameters can be [SI]; of several, where each of them has the same limits
     limits: ClassVar[tuple[float, float]] = (-math.inf, math.inf)
-    """What its parameters can be [SI]; of several, where each of them has the same limits."""
+    # RMS over the rows of a shift that it can make, in σ of the instrument as stated
     largest_shift: ClassVar[float] = math.inf
-    """RMS over the rows of a shift that it can make, in σ of the instrument as stated."""
-    flexible: ClassVar[bool] = False
-    """Whether it takes any smooth shape, and so stands for effects of other kinds too."""
-    for_planning: ClassVar[bool] = True
-    """Whether a task can be planned with it; what changes with time cannot be."""
+    flexible: ClassVar[bool] = False  # Whether it takes any smooth shape, and so stands for effects of other kinds too
+    for_planning: ClassVar[bool] = True  # Whether a task can be planned with it; what changes with time cannot be
+    # Whether it is a slow curve over its joint, of which several together can imitate any other
     slow: ClassVar[bool] = False
-    """Whether it is a slow curve over its joint, of which several together can imitate any other."""
+    # How many of the kind one session can have; None where nothing limits them
     most_in_session: ClassVar[int | None] = None
-    """How many of the kind one session can have; None where nothing limits them."""
-    relative_shape: ClassVar[bool] = True
-    """Whether errors of the shape are shares of it; else they are in its own unit."""
+    relative_shape: ClassVar[bool] = True  # Whether errors of the shape are shares of it; else they are in its own unit
 
     estimate: dict[str, Quantity] = Field({}, description="parameter: value with its unit")
     covariance: str | None = Field(None, min_length=1, description="CSV file with the covariance of the estimate")
@@ -137,50 +114,45 @@ class Effect(CatalogueEntry):
 
     @abstractmethod
     def sensitivities(self, state: ArmState) -> tuple[Sensitivity, ...]:
-        """What one unit [SI] of each parameter does at a posture, in the order of ``parameters``; it does not depend
-        on their size.
-        """
+        """The effect of one unit [SI] of each parameter at a posture, in the order of ``parameters``."""
 
     @classmethod
     @abstractmethod
-    def candidates(cls, case: Excitation) -> Sequence[Effect]:
-        """Every instance that data of this excitation could show, one for each value of the shape's grid."""
+    def candidates(cls, case: Excitation) -> Sequence[Effect]: ...
 
     @classmethod
     def unknown_loads(cls, case: Excitation) -> Iterator[tuple[Effect, tuple[str, ...]]]:
-        """Instances for an arm whose masses are not stated, each with the frames at which its masses may be."""
+        """Instances for an arm without stated masses, each with the frames at which its masses may be."""
         yield from ()
 
     def carried(self, robot: Robot, q: Sequence[Scalar]) -> Mapping[int, Scalar]:
-        """Joint index -> how far joints are off their commands ``q`` (n,) by its estimate, where loads change by it
-        [rad].
-        """
+        """Joint index -> how far joints are off ``q`` (n,) by its estimate, if loads change by it [rad]."""
         return {}
 
     @property
     def valid_between(self) -> tuple[float, float] | None:
-        """Values of its joint [rad] beyond which it is not known; None where it is known everywhere."""
+        """Values of its joint [rad] beyond which it is unknown; None if it is known everywhere."""
         return None
 
     @property
     def unmeasured_size(self) -> float:
-        """Standard deviation [rad] of its joint beyond these values, where the effect is there and not known."""
+        """Standard deviation [rad] of its joint beyond these values."""
         return 0.0
 
     def unknown_beyond(self, joint: int, outside: Scalar) -> Sensitivity:
-        """What one standard deviation of it does [rad] where it is not known: 1 ``outside`` of its range, else 0."""
+        """One standard deviation of it as an increment [rad], times 1 ``outside`` of its range, else 0."""
         return Sensitivity({joint: self.unmeasured_size * outside})
 
     def measured_over(self, low: float, high: float) -> Effect:
-        """The same effect, found from values of its joint between ``low`` and ``high`` [rad]."""
+        """Found from values of its joint between ``low`` and ``high`` [rad]."""
         return self
 
     def also_measured(self, other: Effect) -> Effect:
-        """The same effect, known where it was and where another finding of it was measured."""
+        """Known in its own range and in that of another finding."""
         return self
 
     def known_everywhere(self) -> Effect:
-        """The same effect without a range, as it is fitted."""
+        """Without a range, as it is fitted."""
         return self
 
     def acts(self, state: ArmState) -> bool:
@@ -212,47 +184,37 @@ class Effect(CatalogueEntry):
 
     @property
     def smooth_shape(self) -> str:
-        """The field that it depends on smoothly, so that it is fitted with the rest; empty for none."""
+        """The field that is fitted with the parameters, or an empty text."""
         return self.shape[0] if self.shape else ""
 
     def bracket(self, span: float) -> tuple[float, float]:
-        """Where a better smooth shape [SI] can lie about a point of the grid; ``span`` of its joint in the data
-        [rad].
-        """
+        """Bounds of a better smooth shape [SI] about a point of the grid; ``span`` of its joint in the data [rad]."""
         value = float(getattr(self, self.smooth_shape))
         return value / _SHAPE_NEIGHBOUR, value * _SHAPE_NEIGHBOUR
 
     def shape_steps(self, state: ArmState) -> Array:
-        """(k,) the shapes about this one that differ in the data, where it depends on its shape in steps."""
+        """(k,) neighbouring shapes that differ in the data, of an effect that depends on its shape in steps."""
         return np.zeros(0)
 
     def with_shape(self, value: float) -> Effect:
-        """The same effect with another shape [SI]."""
         return self.model_copy(update={self.shape[0]: value})
 
     def reshaped(self, deviation: float) -> Effect:
-        """The same with its smooth shape off by ``deviation``: of its logarithm where errors are relative, else
-        [SI].
-        """
+        """With its smooth shape off by ``deviation``: of its logarithm if errors are relative, else [SI]."""
         value = float(getattr(self, self.smooth_shape))
         return self.with_shape(value * math.exp(deviation) if self.relative_shape else value + deviation)
 
     def shape_deviation(self, known: Effect) -> float:
-        """By how much its smooth shape deviates from that of another of its kind; the inverse of `reshaped`."""
+        """The inverse of `reshaped`, from the shape of ``known``."""
         one, other = (float(getattr(effect, self.smooth_shape)) for effect in (known, self))
         return math.log(other / one) if self.relative_shape else other - one
 
     def abscissa(self, state: ArmState, timed: bool = True) -> Abscissa | None:
-        """What it is a curve of, in every row; ``None`` where it depends on several things at once.
-
-        Args:
-            state: of N rows.
-            timed: whether the time of the rows is known; otherwise it counts them.
-        """
+        """The axis of its curve over the rows, or None if it depends on several things at once."""
         return None
 
     def plausible(self, robot: Robot) -> PlausibleRange | None:
-        """The sizes that it can have on an arm, by what is published; None where none is known to be impossible."""
+        """The sizes that arms can have, by published figures."""
         return None
 
     def plausible_size(self, estimate: FittedSizes) -> tuple[float, float]:
@@ -260,37 +222,31 @@ class Effect(CatalogueEntry):
         return estimate.entry(self.dimensions[0][0])
 
     def rotating_parts(self, robot: Robot) -> tuple[RotatingPart, ...]:
-        """The parts of its joint that turn as often as it repeats; none where it does not repeat."""
+        """Parts of its joint that turn as often as it repeats."""
         return ()
 
     @property
     def less_likely(self) -> bool:
-        """Whether it is asked for more evidence than others, as what it competes with is the usual cause."""
+        """Whether it needs more evidence, as its rival is the usual cause."""
         return False
 
     @property
     def unstated_loads(self) -> bool:
-        """Whether its parameters stand for loads that nobody stated, so that none of them is its size."""
+        """Whether its parameters stand for unstated loads, so that none of them is its size."""
         return False
 
     def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
-        """Each parameter of the estimate with its standard error, in the units of reports."""
         dimensions = dict(self.dimensions)
         found = [self.size(n, dimensions[n], *estimate.entry(n)) for n in dimensions if n in estimate.values]
         return tuple(found)
 
     def size(self, name: str, dimension: str, value: float, std: float) -> Size:
-        """One parameter in words.
-
-        Args:
-            name, dimension: of the parameter.
-            value, std: estimate and standard error [SI].
-        """
+        """One parameter, estimate and standard error [SI]."""
         return Size(name.replace("_", " "), shown(value, dimension, std))
 
     @property
     def stated_size(self) -> str:
-        """The first size that the entry states, without standard error; that it states none of its own."""
+        """The first size that the entry states."""
         if self.size_undetermined:
             return "(size undetermined)"
         values = {n: (v, math.nan, "") for (n, _), v in zip(self.dimensions, self.values, strict=True)}
@@ -300,24 +256,8 @@ class Effect(CatalogueEntry):
             return f"({len(self.dimensions)} coefficients)"
         return str(self.sizes(estimate)[0])
 
-    def planning_note(self, kept: bool) -> str:
-        """Why no task is planned with an effect that changes with time, or that it is kept on request."""
-        if self.for_planning:
-            return ""
-        return "kept, as requested: the 'time' of the task says when it is done" if kept else self.omitted
-
-    @property
-    def omitted(self) -> str:
-        """Why no task is planned with it."""
-        return "left out: it belongs to this session and not to the arm"
-
     @model_validator(mode="after")
     def _estimate_fits(self) -> Effect:
-        """The effect as it is, if its estimate names its parameters with quantities of their dimensions.
-
-        Raises:
-            BadValueError: an unknown parameter, or a value without its unit.
-        """
         known = dict(self.dimensions)
         for name, value in self.estimate.items():
             if name not in known:
@@ -327,7 +267,7 @@ class Effect(CatalogueEntry):
 
     @property
     def size_parts(self) -> tuple[slice, ...]:
-        """Where among its parameters those of each part are that has a size of its own; of most one part has all."""
+        """Slices of the parameters that have a size each."""
         return (slice(0, len(self.dimensions)),)
 
     def of_parts(self, parts: Sequence[int]) -> Effect:
@@ -335,25 +275,19 @@ class Effect(CatalogueEntry):
         return self
 
     def without_parts(self, parts: Sequence[int]) -> Effect | None:
-        """The effect of its other parts; None where there are none."""
         others = [i for i in range(len(self.size_parts)) if i not in parts]
         return self.of_parts(others) if others else None
 
     def with_estimate(self, values: Sequence[float]) -> Effect:
-        """The same effect with this estimate [SI], in the order of `dimensions`; written with twelve digits."""
+        """With this estimate [SI] in the order of `dimensions`, written with twelve digits."""
         texts = {
-            name: _parameter_text(value, dimension)
+            name: float(value) if dimension == "ratio" else f"{value:.12g} {DIMENSIONS[dimension][0]}"
             for (name, dimension), value in zip(self.dimensions, values, strict=True)
         }
         return self.model_copy(update={"estimate": texts})
 
 
 def _read_parameter(value: object, dimension: str) -> float:
-    """A parameter in SI units.
-
-    Raises:
-        BadValueError: no ratio, or no quantity of that dimension.
-    """
     if dimension == "ratio":
         if isinstance(value, bool) or not isinstance(value, int | float | np.floating):
             given = f"'{value}'" if isinstance(value, str) else "this"
@@ -362,16 +296,10 @@ def _read_parameter(value: object, dimension: str) -> float:
     return parse_quantity(value, dimension)
 
 
-def _parameter_text(value: float, dimension: str) -> Any:
-    """A parameter as the file has it: a number for a ratio, else a text with its SI unit."""
-    return float(value) if dimension == "ratio" else f"{value:.12g} {DIMENSIONS[dimension][0]}"
-
-
 class SoleEffect(Effect):
     """An effect of which an arm has one: of its base, its payload or the instrument."""
 
-    sole: ClassVar[str]
-    """The target."""
+    sole: ClassVar[str]  # The target
 
     @property
     def target(self) -> str:
@@ -380,5 +308,25 @@ class SoleEffect(Effect):
 
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:
-        """The one instance, where the inputs that it needs are known."""
         return [cls(kind=cls.model_fields["kind"].default)] if cls.needs <= case.inputs else []
+
+
+# Parameters about the x, y and z axis [rad]: the world's of the base, its own of the tool
+ANGLES = ("roll", "pitch", "yaw")
+WORLD_AXES: tuple[Vector, ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+
+def foot(state: ArmState) -> Vector:
+    """(3,) where the axis of the first joint passes the base [m], world."""
+    return state.walk.screws[len(state.robot.base)].origin
+
+
+def frame_motion(
+    state: ArmState, names: Sequence[str], axes: Sequence[Vector], about: Vector, size: Scalar
+) -> tuple[Sensitivity, ...]:
+    """The tool point per unit of ``names`` (x, y, z [m], roll, pitch, yaw [rad]): a frame that moves along and about
+    ``axes`` through the point ``about`` (3,) [m], world, times ``size``."""
+    vectors, lever = [scale(size, axis) for axis in axes], subtract(state.tool, about)
+    units = dict(zip("xyz", (Sensitivity(twist=(v, ZERO)) for v in vectors), strict=True))
+    units |= {name: Sensitivity(twist=(cross(v, lever), v)) for name, v in zip(ANGLES, vectors, strict=True)}
+    return tuple(units[name] for name in names)

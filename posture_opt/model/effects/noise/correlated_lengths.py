@@ -7,14 +7,12 @@ from typing import ClassVar, Literal
 from pydantic import Field, model_validator
 
 from posture_opt.errors import BadValueError, one_of
-from posture_opt.model.effects.base.catalogue_entry import Evidence, Limit
-from posture_opt.model.effects.base.cause import FittedSizes, Size
+from posture_opt.model.effects.base.cause import Evidence, FittedSizes, Limit, Size
 from posture_opt.model.effects.noise.noise_effect import NoiseEffect
 from posture_opt.robot.robot import Robot
 from posture_opt.units import plus_minus
 
-MIN_ROBOTS = 10
-"""Robots of a type below which their correlations are not worth stating."""
+MIN_ROBOTS = 10  # Robots of a type below which their correlations are not worth stating
 
 
 class CorrelatedLengths(NoiseEffect):
@@ -33,18 +31,12 @@ class CorrelatedLengths(NoiseEffect):
 
     @model_validator(mode="after")
     def _are_two(self) -> CorrelatedLengths:
-        """The effect as it is, if it names two lengths.
-
-        Raises:
-            BadValueError: one length twice.
-        """
         if self.lengths[0] == self.lengths[1]:
             raise BadValueError(f"'{self.lengths[0]}' is correlated with itself", "name two different lengths")
         return self
 
     @property
     def target(self) -> str:
-        """The names of both lengths."""
         return ", ".join(self.lengths)
 
     @property
@@ -53,7 +45,6 @@ class CorrelatedLengths(NoiseEffect):
         return (("correlation", self.rho, "factor"),)
 
     def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
-        """The coefficient with its standard error."""
         return (Size("correlation", plus_minus(*estimate.entry("correlation"))),)
 
     @property
@@ -62,11 +53,7 @@ class CorrelatedLengths(NoiseEffect):
         return ((*self.lengths, self.rho),)
 
     def check_robot(self, robot: Robot) -> None:
-        """Refuse names that are no lengths.
-
-        Raises:
-            BadValueError: with the nearest length.
-        """
+        """Refuse names that are no lengths."""
         known = [name for name, factor in robot.parameters.items() if factor.kind == "translate"]
         for name in self.lengths:
             if name not in known:

@@ -16,8 +16,8 @@ from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
 from posture_opt.units import Quantity, parse_quantity, shown
 
+# Variance along a joint's column over the variance of the instrument, at the root mean square of the column
 _VARIANCE_RATIOS = np.concatenate([[0.0], np.geomspace(1e-2, 1e3, 41)])
-"""Variance along a joint's column over the variance of the instrument, at the root mean square of the column."""
 
 
 class JointNoise(NoiseEffect):
@@ -46,11 +46,6 @@ class JointNoise(NoiseEffect):
 
     @model_validator(mode="after")
     def _are_sizes(self) -> JointNoise:
-        """The effect as it is, if its standard deviations are positive.
-
-        Raises:
-            BadValueError: zero, a negative number, or no angle and no length.
-        """
         for value in (self.sigma, *(() if self.std is None else (self.std,))):
             if parse_quantity(value, _sigma_dimension(value)) <= 0:
                 raise BadValueError(f"{value} is no standard deviation", "write one greater than 0")
@@ -58,7 +53,6 @@ class JointNoise(NoiseEffect):
 
     @property
     def target(self) -> str:
-        """The joint."""
         return self.joint
 
     @property
@@ -68,7 +62,6 @@ class JointNoise(NoiseEffect):
 
     @property
     def moved_joint(self) -> str:
-        """The joint."""
         return self.joint
 
     def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
@@ -82,11 +75,7 @@ class JointNoise(NoiseEffect):
         return parse_quantity(self.sigma, _sigma_dimension(self.sigma))
 
     def check_robot(self, robot: Robot) -> None:
-        """Refuse a joint that the robot lacks.
-
-        Raises:
-            BadValueError: no such joint, or σ of the other dimension.
-        """
+        """Refuse a joint that the robot lacks."""
         types = {j.name: j.type for j in robot.joints}
         if self.joint not in types:
             raise BadValueError(f"the robot has no joint '{self.joint}'", f"its joints: {', '.join(types)}")
@@ -108,14 +97,8 @@ class JointNoise(NoiseEffect):
 
     @classmethod
     def of(cls, joint: str, sigma: float, dimension: str, std: float = math.nan) -> JointNoise:
-        """The noise of a joint from numbers, written with four digits.
-
-        Args:
-            joint: its name.
-            sigma, std: standard deviation and its standard error [rad or m]; NaN for a standard error that is not
-                known.
-            dimension: ``angle`` or ``length``.
-        """
+        """The noise of a joint from numbers, written with four digits. sigma, std: standard deviation and its standard
+        error [rad or m]; NaN for a standard error that is not known; dimension: ``angle`` or ``length``."""
         texts = {
             name: f"{float(f'{value * 1e3:.4g}'):g} {'mrad' if dimension == 'angle' else 'mm'}"
             for name, value in (("sigma", sigma), ("std", std))
@@ -140,13 +123,8 @@ def _sigma_dimension(text: object) -> str:
 
 
 class Along(Pattern):
-    """Rows that a noisy joint spreads along its column.
-
-    Args:
-        joint: its name.
-        column: (N, d) shift of the measured coordinates per unit of the joint, in units of the instrument's σ.
-        turns: whether σ is in rad, else in m.
-    """
+    """Rows that a noisy joint spreads along its column. joint: its name; column: (N, d) shift of the measured
+    coordinates per unit of the joint, in units of the instrument's σ; turns: whether σ is in rad, else in m."""
 
     effect: type[NoiseEffect] = JointNoise
     grid = _VARIANCE_RATIOS
@@ -168,10 +146,8 @@ class Along(Pattern):
         return float(np.sqrt(value * s2 / self.scale))
 
     def error(self, value: float, s2: float) -> float:
-        """Standard error of σ, from Fisher's information on s² and σ² together; infinite for σ = 0.
-
-        Rows have the variance ``s² + σ² a_i`` along the column and s² in the d − 1 directions across it.
-        """
+        """Standard error of σ, from Fisher's information on s² and σ² together; infinite for σ = 0. Rows have the
+        variance ``s² + σ² a_i`` along the column and s² in the d − 1 directions across it."""
         sigma, along = self.size(value, s2), s2 * self.inflation(value)
         if not sigma:
             return math.inf

@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from posture_opt.model.effects.base.catalogue_entry import CatalogueEntry
+from posture_opt.model.effects.base.cause import CatalogueEntry
 from posture_opt.numerics import Array, Codes
 from posture_opt.robot.robot import Robot
 from posture_opt.units import shown
@@ -17,42 +17,30 @@ from posture_opt.units import shown
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """What the covariance of measured rows may depend on.
+    """What the covariance of measured rows may depend on."""
 
-    Args:
-        robot: whose joints they are.
-        levers: (n, N, d) shift of the measured coordinates per unit of each joint, in units of ``sigma``.
-        ranges: (N,) distance of the measured points from the instrument [m]; ``None`` where none is known.
-        sigma: the instrument's σ of a coordinate as stated [m].
-        visits: (N,) which rows were measured at one visit, so that they share the joints' scatter; ``None`` if
-            each row is a visit of its own.
-        turned: how many of the d coordinates, the last ones, are of the orientation.
-    """
-
-    robot: Robot
-    levers: Array
-    ranges: Array | None
-    sigma: float
+    robot: Robot  # whose joints they are
+    levers: Array  # (n, N, d) shift of the measured coordinates per unit of each joint, in units of sigma
+    ranges: Array | None  # (N,) distance of the measured points from the instrument [m]; None where none is known
+    sigma: float  # the instrument's σ of a coordinate as stated [m]
+    # (N,) which rows were measured at one visit, so that they share the joints' scatter; None if each row is a visit of
+    # its own
     visits: Codes | None = None
-    turned: int = 0
+    turned: int = 0  # how many of the d coordinates, the last ones, are of the orientation
 
 
 class Pattern(ABC):
-    """How one kind of noise would spread the rows, for every size of it on a grid:
-
-    ``Σ_i = s² exp(l_i) (I + (k_i − 1) u_i u_iᵀ)``, s² common to all rows and unknown. Where more than one direction is
-    spread alike, u_i are its ``rank`` columns.
-    """
+    """How one kind of noise would spread the rows, for every size of it on a grid: ``Σ_i = s² exp(l_i) (I + (k_i − 1)
+    u_i u_iᵀ)``, s² common to all rows and unknown. Where more than one direction is spread alike, u_i are its ``rank``
+    columns."""
 
     effect: type[NoiseEffect]
     target: str
     grid: Array
-    quantity: tuple[str, str]
-    """Name and SI unit of its size."""
+    quantity: tuple[str, str]  # Name and SI unit of its size
+    # (N, d) the directions u_i; None where all directions spread alike, or where they are no single ones
     unit: Array | None = None
-    """(N, d) the directions u_i; ``None`` where all directions spread alike, or where they are no single ones."""
-    rank: int = 1
-    """How many directions of a row u_i spans."""
+    rank: int = 1  # How many directions of a row u_i spans
 
     def along(self, sets: Array) -> Array | None:
         """(F, N) squared parts of residuals (F, N, d) along u_i; ``None`` where all directions spread alike."""
@@ -94,19 +82,16 @@ class NoiseEffect(CatalogueEntry):
     known of the geometry. What is of the instrument or of the data changes how far measurements are believed.
     """
 
-    of_arm: ClassVar[bool] = False
-    """Whether it spreads the tool point; else it is of the measurement alone."""
-    uneven: ClassVar[bool] = False
-    """Whether it spreads some measurements more than others."""
-    of_stated: ClassVar[bool] = False
-    """Whether it changes an instrument's σ that has to be stated."""
+    of_arm: ClassVar[bool] = False  # Whether it spreads the tool point; else it is of the measurement alone
+    uneven: ClassVar[bool] = False  # Whether it spreads some measurements more than others
+    of_stated: ClassVar[bool] = False  # Whether it changes an instrument's σ that has to be stated
+    # Its words where the file states no scatter of that target at all, if they differ: {target}, {size}
     unstated: ClassVar[str] = ""
-    """Its words where the file states no scatter of that target at all, if they differ: ``{target}``, ``{size}``."""
 
+    # What errors look like that repeats do not show to be this noise
     uneven_words: ClassVar[str] = (
         "Errors are larger where {target} moves the tool more, as if it stopped elsewhere each time"
     )
-    """What errors look like that repeats do not show to be this noise."""
 
     @property
     def changed_sigma(self) -> str:
@@ -115,7 +100,6 @@ class NoiseEffect(CatalogueEntry):
 
     @property
     def uneven_clause(self) -> str:
-        """What errors look like that repeats do not show to be this noise, of this target."""
         return self.uneven_words.format(target=self.target)
 
     @property
@@ -125,14 +109,7 @@ class NoiseEffect(CatalogueEntry):
 
     @property
     def stated_size(self) -> str:
-        """Name and value of each stated number, in brackets."""
         return f"({', '.join(f'{name} {shown(value, dimension)}' for name, value, dimension in self.stated)})"
-
-    def planning_note(self, kept: bool) -> str:
-        """What of the arm is added to its scatter; what is of the measurement is left out."""
-        if self.of_arm:
-            return "it spreads the tool point from repeat to repeat, and is under effects in extended.yaml"
-        return "left out: it belongs to the measurement and not to the arm"
 
     def scatter(self, robot: Robot) -> dict[str, float]:
         """Model parameter -> σ that is added to its scatter from repeat to repeat [rad or m]."""
@@ -144,12 +121,8 @@ class NoiseEffect(CatalogueEntry):
         return ()
 
     def reading(self, sigma: Array, ranges: Array) -> Array:
-        """(N,) the instrument's σ of a coordinate [m] at these distances.
-
-        Args:
-            sigma: (N,) without the effect [m].
-            ranges: (N,) from the instrument [m].
-        """
+        """(N,) the instrument's σ of a coordinate [m] at these distances. sigma: (N,) without the effect [m]; ranges:
+        (N,) from the instrument [m]."""
         return sigma
 
     def turning(self, sigma: float) -> float:

@@ -32,11 +32,9 @@ class Outliers(NoiseEffect):
 
     @property
     def stated(self) -> tuple[tuple[str, float, str], ...]:
-        """The share w of the rows."""
         return (("share", self.share, "share"),)
 
     def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
-        """How many rows are outliers."""
         return (Size("rows", number(estimate.entry("count")[0], 1)),)
 
     @property

@@ -13,12 +13,8 @@ from posture_opt.model.effects.noise.noise_effect import NoiseEffect, Pattern, R
 from posture_opt.numerics import Array
 from posture_opt.units import Length, LengthPerLength, number
 
+# Values of the grid: the logarithm of σ grows by so much from the nearest to the farthest row
 _LOG_GROWTHS = np.linspace(-2.5, 2.5, 51)
-"""Values of the grid: the logarithm of σ grows by so much from the nearest to the farthest row."""
-_MIN_SIGMA_SHARE = 1e-2
-"""Of the largest σ: a line that falls below zero is none of standard deviations."""
-_MIN_ROWS = 8
-"""Rows up to which a growth with distance is not looked for."""
 
 
 class RangeNoise(NoiseEffect):
@@ -55,14 +51,14 @@ class RangeNoise(NoiseEffect):
         return self.a is None
 
     def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
-        """How many times larger the noise is at the farthest point than at the nearest."""
         times = number(1 + estimate.entry("growth")[0], 2)
         return (Size("noise", f"{times} times larger at the farthest point than at the nearest"),)
 
     def reading(self, sigma: Array, ranges: Array) -> Array:
         """(N,) ``a + b r`` [m], at least 1 % of its largest value."""
         found = (sigma if self.a is None else self.a) + self.b * ranges
-        return np.maximum(found, _MIN_SIGMA_SHARE * float(np.max(found, initial=0.0)))
+        # Of the largest σ: a line that falls below zero is none of standard deviations.
+        return np.maximum(found, 1e-2 * float(np.max(found, initial=0.0)))
 
     def shape(self, rows: Rows) -> Array | None:
         """(N, d, d) ``(σ_i / σ)² I``; None where no distances are known."""
@@ -74,18 +70,15 @@ class RangeNoise(NoiseEffect):
     @classmethod
     def patterns(cls, rows: Rows) -> Sequence[Pattern]:
         """The one pattern, where enough rows lie at different distances."""
-        if rows.ranges is None or np.ptp(rows.ranges) <= 1e-6 or len(rows.ranges) <= _MIN_ROWS:
+        # Rows up to which a growth with distance is not looked for.
+        if rows.ranges is None or np.ptp(rows.ranges) <= 1e-6 or len(rows.ranges) <= 8:
             return []
         return [Growing(rows.ranges, rows.sigma, rows.levers.shape[2])]
 
 
 class Growing(Pattern):
-    """Rows whose σ grows with their range: its logarithm does, so that it stays above zero on the whole grid.
-
-    Args:
-        ranges: (N,) [m]; sigma: the instrument's σ as stated [m].
-        dimension: d, measured coordinates of a row.
-    """
+    """Rows whose σ grows with their range: its logarithm does, so that it stays above zero on the whole grid. ranges:
+    (N,) [m]; sigma: the instrument's σ as stated [m]; dimension: d, measured coordinates of a row."""
 
     effect: type[NoiseEffect] = RangeNoise
     target: str = "instrument"

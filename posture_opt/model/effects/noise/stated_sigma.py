@@ -13,8 +13,8 @@ from posture_opt.model.effects.noise.noise_effect import NoiseEffect, Pattern, R
 from posture_opt.numerics import Array
 from posture_opt.units import plus_minus
 
+# Values of the grid: logarithm of how many times as far orientations scatter as positions, each in its stated σ
 _LOG_RATIOS = np.linspace(-4.0, 4.0, 81)
-"""Values of the grid: logarithm of how many times as far orientations scatter as positions, each in its stated σ."""
 
 
 class StatedSigma(NoiseEffect):
@@ -44,7 +44,6 @@ class StatedSigma(NoiseEffect):
 
     @property
     def words(self) -> str:
-        """The cause in one clause."""
         measured = "the measurement noise" if self.quantity is None else f"the noise of measured {self.quantity}s"
         if self.quantity not in (None, "position", "orientation"):
             measured = f"the noise of {self.quantity}"
@@ -52,16 +51,13 @@ class StatedSigma(NoiseEffect):
 
     @property
     def uneven_clause(self) -> str:
-        """What errors look like."""
         return self.uneven_words.format(target=f"{self.quantity} errors" if self.quantity else "errors")
 
     @property
     def stated(self) -> tuple[tuple[str, float, str], ...]:
-        """The factor f."""
         return (("factor", self.factor, "factor"),)
 
     def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
-        """The factor with its standard error."""
         return (Size("noise", f"{plus_minus(*estimate.entry('factor'))} times what is stated"),)
 
     def reading(self, sigma: Array, ranges: Array) -> Array:
@@ -79,10 +75,8 @@ class StatedSigma(NoiseEffect):
 
 
 class Turning(Pattern):
-    """Rows whose orientations scatter more, or less, than their positions, each in units of its stated σ.
-
-    Its value is the logarithm of the ratio of both. It is a ratio alone: which of both σ's is wrong, repeats say.
-    """
+    """Rows whose orientations scatter more, or less, than their positions, each in units of its stated σ. Its value is
+    the logarithm of the ratio of both. It is a ratio alone: which of both σ's is wrong, repeats say."""
 
     effect: type[NoiseEffect] = StatedSigma
     target: str = "orientation"

@@ -1,0 +1,112 @@
+"""Poses of a flange without an arm: tool from touches, camera on the flange, in every convention of controllers.
+
+Poses, their conventions and the truth are scipy's.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import posture_opt as po
+
+CONVENTIONS = {
+    ("qw", "qx", "qy", "qz"): lambda R: np.roll(R.as_quat(), 1, axis=1),
+    ("rx [rad]", "ry [rad]", "rz [rad]"): lambda R: R.as_rotvec(),
+    ("roll [deg]", "pitch [deg]", "yaw [deg]"): lambda R: R.as_euler("xyz", degrees=True),
+    ("a [deg]", "b [deg]", "c [deg]"): lambda R: R.as_euler("ZYX", degrees=True),
+    ("w [deg]", "p [deg]", "r [deg]"): lambda R: R.as_euler("xyz", degrees=True),
+}
+TOOL_MM = np.array([12.0, -35.0, 168.0])
+
+
+def flange_poses(rng: np.random.Generator, count: int) -> tuple[Rotation, np.ndarray]:
+    """Rotations, and places (count, 3) [mm], of a flange that looks down within 60 deg."""
+    tilt = Rotation.from_rotvec(rng.uniform(-0.6, 0.6, (count, 3)))
+    return tilt * Rotation.from_euler("x", 180, degrees=True), rng.uniform(
+        [300, -200, 300], [600, 200, 600], (count, 3)
+    )
+
+
+def loaded(folder: Path, section: str = "") -> po.Problem:
+    (folder / "problem.yaml").write_text(
+        "name: flange\nrobot: {kind: flange}\nuncertainty: {measurement: {position: 0.1 mm"
+        + (", orientation: 0.5 mrad}}\n" if section else "}}\n")
+        + section,
+        encoding="utf-8",
+    )
+    return po.load_problem(folder / "problem.yaml")
+
+
+def found_at(calibration: po.Calibration, name: str) -> tuple[float, float]:
+    """Value and standard error of a parameter [mm or rad]."""
+    (row,) = [p for p in calibration.to_json()["parameters"] if p["name"] == name]
+    factor = 1e3 if row["unit"] == "m" else 1.0
+    return row["estimate"] * factor, row["std"] * factor
+
+
+@pytest.mark.parametrize("columns", CONVENTIONS, ids=lambda names: names[0].split()[0])
+@pytest.mark.parametrize("count", [4, 12])
+def test_the_tool_is_found_from_touches_of_one_spike(tmp_path: Path, columns: tuple[str, ...], count: int) -> None:
+    rng = np.random.default_rng(count)
+    R, _ = flange_poses(rng, count)
+    flange = np.array([450.0, 30.0, 100.0]) - R.apply(TOOL_MM) + 0.03 * rng.standard_normal((count, 3))
+    table: dict[str, list[object]] = {"point": ["spike"] * count}
+    table |= {f"flange_{axis} [mm]": [*flange[:, k]] for k, axis in enumerate("xyz")}
+    table |= {f"flange_{name}": [*CONVENTIONS[columns](R)[:, k]] for k, name in enumerate(columns)}
+    problem = loaded(tmp_path)
+    calibration = po.calibrate(problem, po.read_measurements(table, problem), plan=False)
+    # Linear least squares of R t + p = spike, by numpy alone.
+    A = np.column_stack([R.as_matrix().reshape(-1, 3), np.tile(-np.eye(3), (count, 1))])
+    own = np.linalg.lstsq(A, -flange.ravel(), rcond=None)[0][:3]
+    for axis, value in zip("xyz", own, strict=True):
+        assert found_at(calibration, f"tool.{axis}")[0] == pytest.approx(value, abs=0.02)
+    said = {statement["id"] for statement in calibration.to_json()["statements"]}
+    assert {"calibration.frames-found", "calibration.frame-found"} <= said
+    assert "calibration.nominal-kept-no-gain" not in said
+
+
+def test_a_camera_on_the_flange_is_found_from_poses_of_a_board(tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    R, p = flange_poses(rng, 20)
+    camera, at = Rotation.from_euler("xyz", [2, -3, 91], degrees=True), np.array([35.0, -60.0, 85.0])
+    board, board_at = Rotation.from_euler("z", 40, degrees=True), np.array([500.0, 100.0, 20.0])
+    seen_by = R * camera
+    seen = seen_by.inv() * board
+    place = seen_by.inv().apply(board_at - (p + R.apply(at))) + 0.1 * rng.standard_normal(p.shape)
+    seen = seen * Rotation.from_rotvec(5e-4 * rng.standard_normal(p.shape))
+    table: dict[str, list[float]] = {}
+    for prefix, turns, places in (("flange_", R, p), ("", seen, place)):
+        table |= {f"{prefix}{axis} [mm]": [*places[:, k]] for k, axis in enumerate("xyz")}
+        table |= {f"{prefix}r{axis} [rad]": [*turns.as_rotvec()[:, k]] for k, axis in enumerate("xyz")}
+    problem = loaded(tmp_path, "data: {frame: camera}\n")
+    calibration = po.calibrate(problem, po.read_measurements(table, problem), plan=False)
+    for axis, true in zip("xyz", at, strict=True):
+        value, std = found_at(calibration, f"tool.{axis}")
+        assert abs(value - true) < 3.5 * std
+        assert std < 0.3
+    for name, true in zip(("roll", "pitch", "yaw"), np.radians([2, -3, 91]), strict=True):
+        value, std = found_at(calibration, f"tool.{name}")
+        assert abs(value - true) < 3.5 * std
+    calibration.save(tmp_path / "out")
+    again = po.load_problem(tmp_path / "out" / "calibrated.yaml")
+    assert again.robot.tool[0].nominal == pytest.approx(found_at(calibration, "tool.x")[0] / 1e3, abs=1e-9)
+
+
+def test_half_an_orientation_of_the_flange_is_named(tmp_path: Path) -> None:
+    problem = loaded(tmp_path)
+    table = {
+        "point": ["spike"],
+        "flange_x [mm]": [1],
+        "flange_y [mm]": [1],
+        "flange_z [mm]": [1],
+        "flange_rx [rad]": [0],
+    }
+    with pytest.raises(po.errors.InputError, match="flange_ry, flange_rz"):
+        po.read_measurements(table, problem)
+    del table["flange_rx [rad]"]
+    with pytest.raises(po.errors.InputError, match="flange_yaw"):
+        po.read_measurements(table, problem)
