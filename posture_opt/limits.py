@@ -83,3 +83,8 @@ LIMITS: tuple[Budget, ...] = (
     MOST_ROBOTS, MOST_FOLDS, MOST_PLANNED, MOST_CANDIDATES, MOST_COMPENSATED,
     MOST_PIXELS, MOST_BOARD_POINTS,
 )  # fmt: skip
+
+# Largest files [bytes].
+MAX_URDF_BYTES = 50_000_000  # a robot of some hundred links takes a few hundred kB
+MAX_TABLE_BYTES = 2_000_000_000  # ten million rows of 200 characters
+MAX_YAML_BYTES = 1_000_000  # the largest problem file written by hand has some thousand

@@ -21,6 +21,7 @@ from posture_opt.cli.output import OUT, output, save_result, show_result, write_
 from posture_opt.cli.progress import progress_bar
 from posture_opt.errors import InputError, InsufficientDataError, Issue
 from posture_opt.files import content, is_file
+from posture_opt.limits import MAX_YAML_BYTES
 from posture_opt.output import write_file
 
 if TYPE_CHECKING:
@@ -116,7 +117,7 @@ def _starter_files(out: Path, problem: po.Problem) -> Mapping[str, bytes]:
     files = problem.files("problem")
     for name, made in files.items():
         there = out / name
-        if is_file(there) and content(there, deferred.yaml_source.MAX_BYTES) != made:
+        if is_file(there) and content(there, MAX_YAML_BYTES) != made:
             hint = f"name it with --problem {there} in place of --robot, or choose another folder"
             raise InputError(Issue(f"{there} exists and says something else", OUT, str(out), hint))
     return files
@@ -127,7 +128,7 @@ def _write_starter(path: Path, text: str) -> None:
     if not path.exists():
         write_text(path, text)
         click.echo(f"{path} is the problem file of this call: edit it, and name it with --problem.")
-    elif content(path, deferred.yaml_source.MAX_BYTES) != text.encode():
+    elif content(path, MAX_YAML_BYTES) != text.encode():
         click.echo(f"{path} exists and was left as it is: it is used with --problem {path}.")
 
 

@@ -17,7 +17,7 @@ from posture_opt.cli.options import Command, Common, add_options
 from posture_opt.errors import InputError
 from posture_opt.files import located, naming
 from posture_opt.files import opened as opened_file
-from posture_opt.measurements.table import MAX_BYTES
+from posture_opt.limits import MAX_TABLE_BYTES
 from posture_opt.workers import Workers, opened
 from posture_opt.workers.checkpoint import Checkpoint
 from posture_opt.workers.dask_cluster import scheduled
@@ -64,7 +64,7 @@ def digest_of_file(path: Path | None) -> str | None:
     if path is None:
         return None
     try:
-        with opened_file(path, MAX_BYTES) as stream:
+        with opened_file(path, MAX_TABLE_BYTES) as stream:
             found = hashlib.sha256()
             for block in iter(lambda: stream.read(_BLOCK_BYTES), b""):
                 found.update(block)

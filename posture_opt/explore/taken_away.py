@@ -13,10 +13,11 @@ import numpy as np
 
 from posture_opt.errors import InputError
 from posture_opt.files import content, problems_folder
+from posture_opt.limits import MAX_YAML_BYTES
 from posture_opt.numerics import Array
 from posture_opt.output import write_file
 from posture_opt.problem.problem import Problem
-from posture_opt.problem.yaml_source import MAX_BYTES, edited, parse_yaml
+from posture_opt.problem.yaml_source import edited, parse_yaml
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.tasks.path_task import PathTask
 
@@ -65,7 +66,7 @@ class TakenAway:
         if not path.exists():
             return False
         try:
-            return content(path, max(MAX_BYTES, len(content_of_it))) not in (content_of_it, self._wrote.get(path))
+            return content(path, max(MAX_YAML_BYTES, len(content_of_it))) not in (content_of_it, self._wrote.get(path))
         except InputError:
             return True
 
@@ -91,7 +92,7 @@ class TakenAway:
         """The file that the page was opened with, if it still says what it said; else nothing."""
         origin = self._stated.origin
         try:
-            text = content(Path(origin.file), MAX_BYTES).decode("utf-8-sig") if origin.file else ""
+            text = content(Path(origin.file), MAX_YAML_BYTES).decode("utf-8-sig") if origin.file else ""
             return text if text and parse_yaml(text).data == origin.data else ""
         except (InputError, UnicodeDecodeError):
             return ""

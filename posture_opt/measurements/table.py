@@ -16,12 +16,12 @@ import numpy as np
 
 from posture_opt.errors import InputError, Issue
 from posture_opt.files import naming, opened
+from posture_opt.limits import MAX_TABLE_BYTES
 from posture_opt.measurements.data_section import DataSpec
 from posture_opt.measurements.layout import BLANKS, Layout, TextLine, is_number, split_cells
 
 LINE_INDEX = "line"  # Name of a DataFrame's index that holds the lines of a file
 WINDOWS_ENCODING = "cp1252"  # What a text that is not UTF-8 is read as: a superset of Latin-1's printable characters
-MAX_BYTES = 2_000_000_000  # Largest file: ten million rows of 200 characters
 MAX_LINE_CHARACTERS = 100_000  # 20 joints with 20 digits each have 1000
 # The path of a text file, a pandas DataFrame, or a mapping from column header to values
 TableLike = str | PathLike[str] | Mapping[str, Any] | Any
@@ -196,7 +196,7 @@ _BYTE_ORDER_MARKS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16"
 def encoding_of(path: Path, faults: Faults) -> str:
     """How the text of a file is encoded: by its byte order mark, else UTF-8 where it is that, else Windows-1252."""
     decoder = codecs.getincrementaldecoder("utf-8")()
-    with opened(path, MAX_BYTES) as stream:
+    with opened(path, MAX_TABLE_BYTES) as stream:
         start = chunk = stream.read(1 << 20)
         if found := next((name for mark, name in _BYTE_ORDER_MARKS.items() if start.startswith(mark)), ""):
             return found
@@ -217,7 +217,7 @@ def encoding_of(path: Path, faults: Faults) -> str:
 
 def lines_of(path: Path, encoding: str, faults: Faults) -> Iterator[TextLine]:
     """The lines of a file, counted from 1, none so long that it fills the memory."""
-    with opened(path, MAX_BYTES) as stream, TextIOWrapper(stream, encoding) as lines:
+    with opened(path, MAX_TABLE_BYTES) as stream, TextIOWrapper(stream, encoding) as lines:
         number = 0
         while text := _next_line(lines, faults):
             number += 1

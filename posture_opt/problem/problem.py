@@ -13,6 +13,7 @@ import numpy as np
 from posture_opt import explorer_of
 from posture_opt.errors import InputError, Issue, KeyPath
 from posture_opt.files import content, located, naming
+from posture_opt.limits import MAX_URDF_BYTES
 from posture_opt.model.effects import Effect
 from posture_opt.problem.effects_section import arm_with, moving_effects, noisy_sources
 from posture_opt.problem.fitting import (
@@ -31,7 +32,6 @@ from posture_opt.problem.parts import fixed_part, input_notes, parse_spec, part_
 from posture_opt.problem.schema import ProblemSpec, kept_of_task, replaced_data
 from posture_opt.problem.yaml_source import Plain, ProblemDocument, Section
 from posture_opt.robot.posture import Posture
-from posture_opt.robot.urdf_reader import MAX_BYTES
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.problem_data import FittedArm, ProblemData
 from posture_opt.uncertainty.sources.sources import Sources
@@ -326,7 +326,7 @@ class Problem(ProblemData):
             return self.attached[name].encode()
         path = located(self.folder, name)
         try:
-            return content(path, MAX_BYTES)
+            return content(path, MAX_URDF_BYTES)
         except InputError as error:
             raise naming(path, error) from None
 

@@ -15,6 +15,7 @@ import yaml
 
 from posture_opt.errors import InputError, Issue, KeyPath
 from posture_opt.files import content, naming
+from posture_opt.limits import MAX_YAML_BYTES
 
 Plain = Any  # A value of a problem file before its schema has read it: text, number, or lists and mappings of them
 Section = dict[str, Plain]  # A section of a problem file, or all of them, by their keys
@@ -33,7 +34,6 @@ def plain(value: object) -> Plain:
     return fspath(value) if isinstance(value, PathLike) else value
 
 
-MAX_BYTES = 1_000_000  # bytes; the largest problem file written by hand has some thousand
 _MAX_NODES = 200_000  # after aliases are expanded; a file of the size above has fewer without any
 _STARTER_HINT = "'optimize-posture new planar_2r' prints a problem file to start from"
 
@@ -82,7 +82,7 @@ def read_yaml(path: str | Path) -> ProblemDocument:
 
 def _read_text(path: Path) -> str:
     try:
-        found = content(path, MAX_BYTES)
+        found = content(path, MAX_YAML_BYTES)
     except InputError as error:
         named = naming(path, error).issues
         raise InputError([replace(issue, hint=issue.hint or _STARTER_HINT) for issue in named]) from None

@@ -14,14 +14,14 @@ from pydantic import Field
 
 from posture_opt.errors import BadValueError, InputError, Issue, listed
 from posture_opt.files import content, located
-from posture_opt.limits import MOST_JOINTS
+from posture_opt.limits import MAX_URDF_BYTES, MOST_JOINTS
 from posture_opt.numerics import Array
 from posture_opt.robot.corrections import with_velocities
 from posture_opt.robot.format import FULL_TURN, RobotFormat, check_joint_name
 from posture_opt.robot.robot import BASE, Joint, Robot, UrdfDescription
 from posture_opt.robot.shape_section import replaces_shape, shaped
 from posture_opt.robot.urdf_chain import ChainSegment, link_factors, segments_of
-from posture_opt.robot.urdf_reader import MAX_BYTES, MAX_NUMBER, Element, in_urdf, read_elements, read_urdf
+from posture_opt.robot.urdf_reader import MAX_NUMBER, Element, in_urdf, read_elements, read_urdf
 from posture_opt.robot.urdf_shape import Carried, UrdfShape, urdf_shape
 from posture_opt.robot.urdf_tree import ChosenTip, UrdfJoint, UrdfTree, chosen_tip
 from posture_opt.texts import number_or_nan, text_fault
@@ -78,7 +78,7 @@ class UrdfRobot(RobotFormat):
         robot = with_velocities(shaped(robot, self.shape, end), self.velocity)
         ends = path[0].parent, path[-1].child
         sources = (("file", self.file), ("base_link", ends[0]), ("tip_link", ends[1]))
-        description = UrdfDescription(content(file, MAX_BYTES), *ends)
+        description = UrdfDescription(content(file, MAX_URDF_BYTES), *ends)
         robot = replace(robot, sources=sources, notes=notes, description=description)
         return robot if self.srdf is None else _with_srdf(robot, tree, path[0].parent, segments, folder, self.srdf)
 
@@ -240,7 +240,7 @@ def read_srdf(folder: Path, file: str, tree: UrdfTree) -> Srdf:
     """The SRDF in ``file``, named from ``folder``, of the robot of a URDF."""
     try:
         path = located(folder, file)
-        root = read_elements(content(path, MAX_BYTES))[0]
+        root = read_elements(content(path, MAX_URDF_BYTES))[0]
         if root.tag != "robot":
             raise InputError(Issue(f"the file is no SRDF: it begins with <{root.tag}>, not <robot>", line=root.line))
         pairs = (frozenset(_text(e, key) for key in ("link1", "link2")) for e in root.each("disable_collisions"))

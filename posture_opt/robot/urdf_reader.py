@@ -17,6 +17,7 @@ import numpy as np
 
 from posture_opt.errors import InputError, Issue
 from posture_opt.files import content
+from posture_opt.limits import MAX_URDF_BYTES
 from posture_opt.numerics import Array
 from posture_opt.robot.urdf_tree import Collision, Inertial, UrdfJoint, UrdfTree
 from posture_opt.texts import number_or_nan, one_line, text_fault
@@ -98,13 +99,12 @@ _GEOMETRY_SIZES = {
     "sphere": (("radius", 1),),
     "mesh": (("scale", 3),),
 }
-MAX_BYTES = 50_000_000  # Largest URDF file that is read; a robot of some hundred links takes a few hundred kB
 
 
 def read_urdf(path: Path) -> UrdfTree:
     """The tree of the file at ``path``; lengths in [m], angles in [rad]."""
     try:
-        return urdf_tree(content(path, MAX_BYTES), path.name)
+        return urdf_tree(content(path, MAX_URDF_BYTES), path.name)
     except InputError as error:
         raise InputError([in_urdf(issue, path) for issue in error.issues]) from None
 

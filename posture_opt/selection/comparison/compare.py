@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -15,7 +16,7 @@ from posture_opt.numerics import Array, Progress
 from posture_opt.selection.answer.selector import PostureSelector
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.comparison.comparison import ComparedAnswer, Comparison
-from posture_opt.selection.comparison.predicted_error import judged_answer
+from posture_opt.selection.comparison.predicted_error import JudgedAnswer, judged_answer
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.select_posture import at_one_feature, select_posture
 from posture_opt.statements import Statement, state
@@ -141,11 +142,17 @@ def compare_plans(
     sources = models[reference].sources
     asked = {name: replace(one, sources=sources) if one.sources.empty else one for name, one in models.items()}
 
-    def column(name: str) -> ComparedAnswer:
-        answer = chosen if name == reference else _planned(asked[name], seed, hint)
-        return _column(asked, name, answer, basis=chosen.basis, measured=measured)
-
+    column = partial(_planned_column, asked, reference, chosen, seed, hint, measured)
     return Comparison(OnDemand(tuple(asked), column), reference)
+
+
+def _planned_column(
+    asked: Mapping[str, ProblemData], reference: str, chosen: Solution, seed: int | None, hint: str,
+    measured: Array | None, name: str,
+) -> ComparedAnswer:  # fmt: skip
+    # A function of the module: results are pickled, and a closure would not be.
+    answer = chosen if name == reference else _planned(asked[name], seed, hint)
+    return _column(asked, name, answer, basis=chosen.basis, measured=measured)
 
 
 def _column(
@@ -157,11 +164,15 @@ def _column(
         return ComparedAnswer(problem, reasons=answer)
     kinds = {judge: [joint.type for joint in other.robot.joints] for judge, other in problems.items()}
     judges = tuple(judge for judge, kind in kinds.items() if kind == kinds[name])
-    return ComparedAnswer(
-        problem,
-        answer,
-        OnDemand(judges, lambda judge: judged_answer(problems[judge], answer.stations, basis, measured)),
-    )
+    judged = partial(_judged, problems, answer.stations, basis, measured)
+    return ComparedAnswer(problem, answer, OnDemand(judges, judged))
+
+
+def _judged(
+    problems: Mapping[str, ProblemData], stations: Sequence[Solution], basis: Array | None, measured: Array | None,
+    judge: str,
+) -> JudgedAnswer:  # fmt: skip
+    return judged_answer(problems[judge], stations, basis, measured)
 
 
 def _same_task(problems: Mapping[str, ProblemData]) -> tuple[dict[str, ProblemData], tuple[Statement, ...]]:
