@@ -39,7 +39,7 @@ QUICK = ("joint_compliance",)
 """Kinds that every run of the tests searches for; the others are a campaign."""
 STRONG = 60.0  # λ: missed once in a hundred thousand
 JARGON = ("gives way", "has play", "stands elsewhere", "comes back", "by chance", "a turn")
-UNITS = r"\d .*(mrad|arcsec|deg|µrad|µm|ppm|mm|min|rows|%)"
+UNITS = r"\d .*(mrad|arcsec|deg|µrad|µm|ppm|mm|ms|min|rows|%)"
 NOISE_ENTRIES: dict[str, dict[str, Any]] = {
     "joint_noise": {"joint": "elbow", "sigma": "0.1 mrad"},
     "range_noise": {"a": "15 um", "b": "6 um/m"},

@@ -13,7 +13,7 @@ from importlib import import_module
 from itertools import count
 from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar, cast
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeAlias, TypeVar, cast
 
 from posture_opt.errors import InputError, Issue
 from posture_opt.numerics import Array, Mask, Progress
@@ -29,6 +29,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from posture_opt.selection.problem_data import ProblemData
+
+Plots: TypeAlias = "Mapping[str, Callable[[Any], Figure]]"
+
 
 T = TypeVar("T")
 S = TypeVar("S", bound=Summarised)
@@ -92,7 +95,7 @@ class Presenter(SummaryPresenter[R]):
     title: ClassVar[str] = ""
     heading: ClassVar[str] = ""
     asked: ClassVar[str] = ""
-    plots: ClassVar[Mapping[str, Callable[[Any], Figure]]] = {}
+    plots: ClassVar[Plots] = {}
     delivers: ClassVar[tuple[str, ...]] = ()
 
     @property

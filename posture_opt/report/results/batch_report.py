@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from posture_opt.model.effects.base.cause import FittedSizes
 from posture_opt.problem.effects_section import of_a_type
@@ -122,7 +122,7 @@ class BatchPresenter(Presenter["Batch"]):
     stem = "calibration"
     title = "Batch"
     heading = "Calibration of several robots of one type"
-    delivers = ("uncertainty.yaml",)
+    delivers: ClassVar[tuple[str, ...]] = ("uncertainty.yaml",)
 
     def facts(self) -> Iterable[tuple[str, str]]:
         return batch_facts(self.result)
@@ -165,7 +165,7 @@ class BatchDiagnosisPresenter(Presenter["BatchDiagnosis"]):
     title = "Diagnosis"
     heading = "Diagnosis of several robots of one type"
     asked = "batch"
-    delivers = ("uncertainty.yaml",)
+    delivers: ClassVar[tuple[str, ...]] = ("uncertainty.yaml",)
 
     def facts(self) -> Iterable[tuple[str, str]]:
         named = "; ".join(f.cause.label for f in self.result.effects) or "none"

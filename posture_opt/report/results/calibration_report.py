@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -148,7 +148,7 @@ class CalibrationPresenter(Presenter["Calibration"]):
     stem = "calibration"
     title = "Calibration"
     asked = "request"
-    delivers = ("calibrated.yaml",)
+    delivers: ClassVar[tuple[str, ...]] = ("calibrated.yaml",)
 
     @property
     def evaluation(self) -> Evaluation:

@@ -15,7 +15,7 @@ from posture_opt.model.arm_state import REFERENCE_TEMPERATURE
 from posture_opt.numerics import Array, rms
 from posture_opt.report.figures.errors import plot_compensation
 from posture_opt.report.figures.residuals import chosen_rows
-from posture_opt.report.page.presenter import Columns, Presenter
+from posture_opt.report.page.presenter import Columns, Plots, Presenter
 from posture_opt.report.page.save import Files
 from posture_opt.report.parts.parts import distance_facts, note_facts, robot_facts
 from posture_opt.report.scene.arm_view import VIEWED_ROWS, ArmView, ShownPosture
@@ -108,8 +108,8 @@ class CompensationPresenter(Presenter["Compensation"]):
     """Compensated targets; ``compensated.csv`` has the joint values to command."""
 
     stem = "compensation"
-    plots: ClassVar = {"compensation": plot_compensation}
-    delivers = ("compensated.csv",)
+    plots: ClassVar[Plots] = {"compensation": plot_compensation}
+    delivers: ClassVar[tuple[str, ...]] = ("compensated.csv",)
 
     def summary(self) -> Summary:
         found = self.result

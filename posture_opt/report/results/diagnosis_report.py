@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from functools import partial
 from pathlib import Path
+from typing import ClassVar
 
 from posture_opt.diagnosis.diagnosis import Diagnosis
 from posture_opt.diagnosis.diagnosis_statements import words
@@ -82,7 +83,7 @@ class DiagnosisPresenter(Presenter[Diagnosis]):
 
     stem = "diagnosis"
     title = "Diagnosis"
-    delivers = ("extended.yaml",)
+    delivers: ClassVar[tuple[str, ...]] = ("extended.yaml",)
 
     def facts(self) -> Iterable[tuple[str, str]]:
         found = self.result

@@ -15,7 +15,7 @@ import numpy as np
 
 from posture_opt.numerics import Array, rms
 from posture_opt.report.figures.target_map import plot_bias, plot_spread_map, plot_target_map
-from posture_opt.report.page.presenter import Columns, Drawings, Presenter
+from posture_opt.report.page.presenter import Columns, Drawings, Plots, Presenter
 from posture_opt.report.page.save import Files, map_csv
 from posture_opt.report.parts import parts
 from posture_opt.report.scene.posture_views import target_key, target_view
@@ -137,8 +137,8 @@ class TargetMapPresenter(Presenter["TargetMap"]):
 
     stem = "map"
     title = "Map of targets"
-    plots: ClassVar = {"map": plot_target_map}
-    delivers = ("map.csv",)
+    plots: ClassVar[Plots] = {"map": plot_target_map}
+    delivers: ClassVar[tuple[str, ...]] = ("map.csv",)
 
     def summary(self) -> Summary:
         found, best = self.result, self.result.best
@@ -250,7 +250,7 @@ class AccuracyMapPresenter(Presenter["AccuracyMap"]):
 
     stem = "map"
     title = "Map of accuracy"
-    delivers = ("map.csv",)
+    delivers: ClassVar[tuple[str, ...]] = ("map.csv",)
 
     def facts(self) -> Iterable[tuple[str, str]]:
         found = self.result

@@ -18,7 +18,7 @@ from posture_opt.calibration.assumptions.instrument import position_sigma
 from posture_opt.errors import enumerated
 from posture_opt.report.figures.errors import plot_recheck_changes, plot_recheck_rows
 from posture_opt.report.figures.plan import plot_plan_errors, plot_plan_points
-from posture_opt.report.page.presenter import Columns, Presenter, problem_of
+from posture_opt.report.page.presenter import Columns, Plots, Presenter, problem_of
 from posture_opt.report.page.save import Files
 from posture_opt.report.parts import parts
 from posture_opt.report.parts.parts import clear_words, note_facts, robot_facts
@@ -156,8 +156,8 @@ class MeasurementPlanPresenter(Presenter["MeasurementPlan"]):
 
     stem = "plan"
     title = "Measurement plan"
-    plots: ClassVar = {"plan_points": plot_plan_points, "plan_errors": plot_plan_errors}
-    delivers = ("plan.csv",)
+    plots: ClassVar[Plots] = {"plan_points": plot_plan_points, "plan_errors": plot_plan_errors}
+    delivers: ClassVar[tuple[str, ...]] = ("plan.csv",)
 
     def summary(self) -> Summary:
         plan = self.result
@@ -244,7 +244,7 @@ class RecheckPresenter(Presenter["Recheck"]):
 
     stem = "recheck"
     title = "Recheck"
-    plots: ClassVar = {"recheck_changes": plot_recheck_changes, "recheck_rows": plot_recheck_rows}
+    plots: ClassVar[Plots] = {"recheck_changes": plot_recheck_changes, "recheck_rows": plot_recheck_rows}
 
     def summary(self) -> Summary:
         found, among = self.result, [self.result.before, self.result.after]

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from posture_opt.report.figures.batch import plot_posture_batch
-from posture_opt.report.page.presenter import Columns, Presenter
+from posture_opt.report.page.presenter import Columns, Plots, Presenter
 from posture_opt.report.page.save import Files, page_name
 from posture_opt.report.text.blocks import Block, Document, Linked, Summary, Table
 from posture_opt.statements.notation import count, length_unit, probability
@@ -29,8 +29,8 @@ class PostureBatchPresenter(Presenter["PostureBatch"]):
     """Many problems, one row each; ``answers.csv`` has all of them."""
 
     stem = "answers"
-    plots: ClassVar = {"answers": plot_posture_batch}
-    delivers = ("answers.csv",)
+    plots: ClassVar[Plots] = {"answers": plot_posture_batch}
+    delivers: ClassVar[tuple[str, ...]] = ("answers.csv",)
     problem_file = ""  # each answer has its own, on its own page
 
     def summary(self) -> Summary:

@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterable
 from functools import partial
 from io import StringIO
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -191,7 +191,7 @@ class CloudPresenter(Presenter["Cloud"]):
     stem = "spread"
     title = "Simulated spread of the tool point"
     asked = "spread"
-    delivers = ("cloud.csv",)
+    delivers: ClassVar[tuple[str, ...]] = ("cloud.csv",)
 
     def summary(self) -> Summary:
         """Posture, tool point, standard deviations, their ratios to the closed form, coverage, success."""
