@@ -109,7 +109,11 @@ class Problem(ProblemData):
     def with_task(self, kind: str | None = None, **keys: Plain) -> Problem:
         """The same problem with the task ``kind`` and other keys of the task replaced, as in the file.
 
-        What the former task says and the new one knows stays: direction, target, clearance.
+        Keys that both tasks have stay: direction, target, clearance.
+
+        Args:
+            kind: name of the task; default: the same.
+            keys: of the task section, as in `replace`.
 
         Raises:
             InputError: unknown kind or key, or a value that does not fit.
@@ -180,7 +184,10 @@ class Problem(ProblemData):
         return build_problem(document, self.folder, self.name, attached=self.attached)
 
     def with_robot(self, robot: Mapping[str, Plain]) -> Problem:
-        """The same problem with another ``robot`` section, as in the file.
+        """The same problem with another robot.
+
+        Args:
+            robot: the section ``robot``, as in a file.
 
         Raises:
             InputError: the section does not fit, or the uncertainty names parameters that this robot lacks.
@@ -189,7 +196,10 @@ class Problem(ProblemData):
         return build_problem(document, self.folder, self.name, attached=self.attached)
 
     def with_sigma(self, sigma: Mapping[str, str]) -> Problem:
-        """The same problem where nothing but these standard deviations is uncertain: PARAMETER -> quantity.
+        """The same problem where nothing but these standard deviations is uncertain.
+
+        Args:
+            sigma: ``JOINT.PARAMETER`` -> quantity with its unit, such as ``"0.2 mrad"``.
 
         Raises:
             InputError: unknown parameters, or values without their unit.
