@@ -118,7 +118,7 @@ class Infeasibility:
 
     def met(self) -> CandidatePosture | None:
         """A posture that meets everything, from where nothing has to give."""
-        if self.found.target.kind != "anywhere" and plane_reason(self.problem.reach, self.target) is not None:
+        if plane_reason(self.problem.reach, self.target) is not None or not self._in_reach:
             return None
         way = self._least(self.elastic.further or (LIMITS,))
         if way is None or not way.met:

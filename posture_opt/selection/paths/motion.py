@@ -1,74 +1,21 @@
-"""``Motion``: postures along a path; ``TimeLaw``: their times; ``PathBreak``: where they leave the path."""
+"""How far a motion leaves the lines of its path, how far its joints may step, and where it passes a singularity."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Literal
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
 
-from posture_opt.collision.scene import Scene
 from posture_opt.model.compiled import BatchFunction
-from posture_opt.numerics import TURN, Array, Json, Mask
-from posture_opt.robot.robot import Robot
+from posture_opt.numerics import Array, Mask
 from posture_opt.selection.paths.joint_steps import JointSteps
 from posture_opt.selection.paths.path_candidates import held
-from posture_opt.selection.paths.task_path import TaskPath, between, stacked
+from posture_opt.selection.program.task_path import TaskPath, between
 from posture_opt.selection.program.task_target import TaskTarget
-from posture_opt.selection.search.engine import Confirmation, Engine
-from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE, TOLERANCE
-from posture_opt.selection.search.search_outcome import is_clear
-
-
-@dataclass(frozen=True)
-class Motion:
-    """Postures Q (K, n) [rad or m] of the points of a path."""
-
-    Q: Array
-    objectives: Array  # (K,), scaled
-    violations: Array  # (K,) the worst row of each [m, rad or 1]
-    sigma: Array  # (K,) largest standard deviation in the part that counts [m]
-    steps: Array  # (L − 1,) largest range that a joint sweeps between neighbours of the L listed points [rad or m]
-    optimal: bool  # whether first-order conditions hold, or nothing was left to choose but between separate postures
-    clear: bool  # whether all joints keep their limits, and the arm collides with nothing, at the points
-    confirmation: Confirmation | None = None  # what IPOPT says of the motion where it found it; None of other motions
-
-    @classmethod
-    def of(
-        cls, engine: Engine, targets: Sequence[TaskTarget], Q: Array, steps: Array, scene: Scene, optimal: bool
-    ) -> Motion:
-        """Motion through postures Q (K, n), evaluated at the targets of its points."""
-        inside = np.all((np.array(engine.robot.lower) <= Q) & (np.array(engine.robot.upper) >= Q))
-        clear = bool(inside and np.all(is_clear(scene, Q)))
-        objective, violation, _, variance = (column[:, 0] for column in engine.screen(Q, stacked(targets)))
-        return cls(Q, objective, violation, np.sqrt(np.maximum(variance, 0.0)), steps, optimal, clear)
-
-    @property
-    def objective(self) -> float:
-        """Objective of the worst point, scaled."""
-        return float(np.max(self.objectives))
-
-    @property
-    def feasible(self) -> bool:
-        return self.clear and float(np.max(self.violations)) <= ROW_TOLERANCE
-
-    @property
-    def largest_step(self) -> float:
-        """Largest change of a joint between listed points [rad or m]."""
-        return float(np.max(self.steps))
-
-    def to_json(self) -> dict[str, float]:
-        """Largest scatter [m] and largest step [rad or m]."""
-        return {"sigma_max": float(self.sigma.max()), "step": self.largest_step}
-
-    @property
-    def worst(self) -> int:
-        """Number of the point with the largest scatter."""
-        return int(np.argmax(self.sigma))
+from posture_opt.selection.search.engine import Engine
+from posture_opt.selection.search.inverse_kinematics import TOLERANCE
 
 
 def breaks_away(engine: Engine, Q: Array) -> Mask:
@@ -93,66 +40,6 @@ def off_lines(engine: Engine, Q: Array) -> Array:
     return np.asarray(np.max(np.linalg.norm(reached - start - along[..., None] * way, axis=2), axis=1))
 
 
-@dataclass(frozen=True, eq=False)
-class TimeLaw:
-    """Times at constant speed, at most ``min over k, j of (s_{k+1} − s_k) v_j / |q_{k+1,j} − q_{k,j}|``."""
-
-    robot: Robot  # with the largest speeds of its joints, as far as they are known
-    Q: Array  # (K, n) postures [rad or m]
-    lengths: Array  # (K,) way along the path up to each point [m]
-    stated: float | None = None  # speed of the tool point that is asked for [m/s]; None: the highest
-
-    @cached_property
-    def _use(self) -> Array:
-        """(K − 1, n) share [s/m] of each joint's largest speed at 1 m/s of the tool."""
-        moved = np.abs(np.diff(self.Q, axis=0)) / np.diff(self.lengths)[:, None]
-        use = moved / np.array(self.robot.velocities)
-        return np.where(np.isnan(use), 0.0, use)
-
-    @cached_property
-    def _most_used(self) -> tuple[int, int]:
-        k, j = np.unravel_index(int(np.argmax(self._use)), self._use.shape)
-        return int(k), int(j)
-
-    @property
-    def highest(self) -> float | None:
-        """Highest constant speed of the tool point [m/s]; None where no joint of known largest speed moves."""
-        use = float(self._use[self._most_used])
-        return 1 / use if use > 0 else None
-
-    @property
-    def speed(self) -> float | None:
-        """Constant speed of the tool point [m/s], stated or the highest."""
-        return self.highest if self.stated is None else self.stated
-
-    @property
-    def times(self) -> Array | None:
-        """(K,) time at each point [s]; None without a speed."""
-        return None if self.speed is None else self.lengths / self.speed
-
-    @property
-    def limiting_step(self) -> int | None:
-        """Number of the step, from 0, in which the limiting joint is nearest to its largest speed."""
-        return None if self.highest is None else self._most_used[0]
-
-    @property
-    def limiting_joint(self) -> str | None:
-        """Joint that bounds the speed of the tool."""
-        return None if self.highest is None else self.robot.joint_names[self._most_used[1]]
-
-    @property
-    def unknown(self) -> tuple[str, ...]:
-        """Joints that move and whose largest speed is not known."""
-        moving = zip(self.robot.joints, np.any(np.diff(self.Q, axis=0) != 0, axis=0), strict=True)
-        return tuple(joint.name for joint, moves in moving if moves and math.isnan(joint.velocity))
-
-    @property
-    def whole_turns(self) -> dict[str, int]:
-        """Joint -> whole turns that it ends away from where it began."""
-        turns = np.rint((self.Q[-1] - self.Q[0]) / TURN).astype(int)
-        return {name: int(turn) for name, turn in zip(self.robot.joint_names, turns, strict=True) if turn}
-
-
 def step_bounds(steps: JointSteps, path: TaskPath, largest: float, speed: float | None) -> Array:
     """(K − 1, n) bound of each joint's step [rad or m], by ``largest`` between listed points and the speed [m/s]."""
     even = largest / np.asarray(path.parts, dtype=float)[:, None]
@@ -165,23 +52,6 @@ def speed_bounds(steps: JointSteps, path: TaskPath, speed: float) -> Array:
     """(K − 1, n) motion of each joint at its largest speed between the points, the tool at ``speed`` [m/s]."""
     each = np.diff(path.lengths)[:, None] / speed * np.array(steps.robot.velocities)
     return np.asarray(np.where(np.isnan(each), np.inf, each))
-
-
-@dataclass(frozen=True)
-class PathBreak:
-    """A step between points at which the arm changes its posture off the path."""
-
-    first: int  # number of the listed point before it, from 1
-    last: int
-    kind: Literal["singular", "limits"]  # limits: of joints, or of what the arm must keep clear of
-    joint: str  # that moves most
-    moved: float  # [rad or m]
-    unit: Literal["rad", "m"]
-    off: float  # how far the tool leaves the straight line where all joints move evenly [m]
-    step: int  # number of the step among those of all points, added ones too, from 0
-
-    def to_json(self) -> dict[str, Json]:
-        return dict(vars(self))
 
 
 def passes_singularity(engine: Engine, targets: Sequence[TaskTarget], Q: Array, k: int) -> bool:

@@ -10,7 +10,7 @@ import numpy as np
 from posture_opt.collision.scene import Scene
 from posture_opt.numerics import Array, Progress
 from posture_opt.selection.paths.joint_steps import JointSteps
-from posture_opt.selection.paths.task_path import stacked
+from posture_opt.selection.program.task_path import stacked
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.engine import Engine
 from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE, TOLERANCE, PoseRequest, held_request
