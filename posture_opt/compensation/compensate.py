@@ -25,7 +25,7 @@ from posture_opt.measurements.table import TableLike
 from posture_opt.model.arm import Arm
 from posture_opt.model.chain import stretched
 from posture_opt.numerics import Array, Mask
-from posture_opt.selection.problem_data import ProblemData
+from posture_opt.selection.problem_data import ProblemData, with_fallbacks
 from posture_opt.selection.program.optimisation_problem import with_held_joints
 from posture_opt.uncertainty.spread.joint_digits import joint_digits
 from posture_opt.units import number
@@ -62,12 +62,7 @@ def compensate(problem: ProblemData, targets: TableLike | Targets) -> Compensati
         ((2, 2), True, True)
     """
     rows = targets if isinstance(targets, Targets) else read_targets(targets, problem.robot)
-    try:
-        return _compensated(problem, rows)
-    except NoSolutionError:
-        if not problem.above_assumed_mounting:
-            raise
-    return _compensated(replace(problem, without_mounting=True), rows)
+    return with_fallbacks(problem, lambda one: _compensated(one, rows))
 
 
 def _compensated(problem: ProblemData, rows: Targets) -> Compensation:

@@ -276,11 +276,7 @@ class Solution(TargetAnswer):
             "notes": list(dict.fromkeys(map(str, self.notes))),
             **({} if self.placement is None else {"workpiece": self.placement.workpiece}),
             **({} if self.problem.workpiece_sources.empty else {"workpiece_errors": self._workpiece_errors()}),
-            **(
-                {}
-                if self.followed is None
-                else self.followed.to_json(self.stations, self.confirmation_json, self.seconds)
-            ),
+            **(followed.to_json(self.stations, self.confirmation_json, self.seconds) if followed else {}),
             **(self._features_json() if self.points and self.followed is None else {}),
         }
 
