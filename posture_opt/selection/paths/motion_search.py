@@ -15,14 +15,15 @@ from posture_opt.collision.scene import Scene
 from posture_opt.numerics import Array, Codes, DerivedAgain, Mask
 from posture_opt.selection.answer.path_answer import Motion, PathBreak, TimeLaw
 from posture_opt.selection.answer.placement import PlacementRange
-from posture_opt.selection.paths.joint_steps import JointSteps, StepGraph
-from posture_opt.selection.paths.motion import (
+from posture_opt.selection.paths.joint_steps import (
+    JointSteps,
+    StepGraph,
     breaks_away,
     passes_singularity,
     speed_bounds,
     step_bounds,
 )
-from posture_opt.selection.paths.path_candidates import PathCandidates, held
+from posture_opt.selection.paths.path_candidates import PathCandidates
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.program.task_path import TaskPath, stacked
 from posture_opt.selection.program.task_target import TaskTarget
@@ -280,7 +281,7 @@ class MotionSearch(DerivedAgain):
         return [way for way in ways if way is not None]
 
     def _on_path(self, motion: Motion) -> Motion:
-        Q, requests = motion.Q, np.vstack([held(self.engine, target).rows for target in self.found.targets])
+        Q, requests = motion.Q, np.vstack([self.engine.held(target).rows for target in self.found.targets])
         turns = Q[-1] - Q[0]
         for _ in range(3):  # from an error of 1e-7, quadratic
             Q = self.steps.rested(self.engine.ik.stepped(Q, requests)[0])
@@ -365,7 +366,7 @@ def _led(
     search: MotionSearch, path: TaskPath, targets: Sequence[TaskTarget], numbers: Codes, motions: Sequence[Motion]
 ) -> Iterator[Array]:
     """Postures (K, n) at all points that motions at the knots lead to, of those that arrive everywhere."""
-    requests, names = [held(search.engine, t) for t in targets], ("position", "axis", "spin", "slack", "cone")
+    requests, names = [search.engine.held(t) for t in targets], ("position", "axis", "spin", "slack", "cone")
     given = {name: np.array([getattr(request, name) for request in requests]) for name in names}
     request = PoseRequest(weights=requests[0].weights, **given)
     for motion in motions:

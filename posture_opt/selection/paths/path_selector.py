@@ -20,8 +20,7 @@ from posture_opt.selection.answer.placement import Placement, PlacementFigure, P
 from posture_opt.selection.answer.selector import PostureSelector, task_of
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.answer.target_answer import Status
-from posture_opt.selection.paths.joint_steps import JointSteps
-from posture_opt.selection.paths.motion import off_lines, step_bounds
+from posture_opt.selection.paths.joint_steps import JointSteps, off_lines, step_bounds
 from posture_opt.selection.paths.motion_search import (
     MAX_SEARCHED_POINTS,
     STEP_TOLERANCE_RAD,
@@ -32,7 +31,7 @@ from posture_opt.selection.paths.motion_search import (
     motions_at_knots,
     smooth_motion,
 )
-from posture_opt.selection.paths.path_candidates import PathCandidates, find_candidates, held
+from posture_opt.selection.paths.path_candidates import PathCandidates, find_candidates
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.program.task_path import TaskPath
 from posture_opt.selection.program.task_target import TaskTarget
@@ -90,7 +89,7 @@ def naive_motions(search: MotionSearch) -> Naive:
     each = Motion.of(engine, found.targets, best, apart, scene, True)
     way = [best[0]]
     for target in targets[1:]:
-        moved, error = engine.ik.solve(way[-1][None], held(engine, target))
+        moved, error = engine.ik.solve(way[-1][None], engine.held(target))
         if error[0] >= TOLERANCE:
             return Naive(each, None, len(way))
         way.append(moved[0])
