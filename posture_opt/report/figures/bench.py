@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from posture_opt.selection.answer.solution import Solution
-    from posture_opt.selection.stations.placed_stations import BenchMap
+    from posture_opt.selection.stations.placement_search import BenchMap
 
 _EDGE_SHARE = 0.25  # of the width: nearer to the edge, a name is above or below its point
 _UNIT_FACTORS = (1e3, 1e3, 1e3, math.degrees(1.0))
