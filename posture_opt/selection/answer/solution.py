@@ -17,7 +17,7 @@ import numpy as np
 from posture_opt.collision.pairs import Clearance
 from posture_opt.numerics import Array, Json
 from posture_opt.selection.answer.improvements import MIN_GAIN, Improvement, improvements
-from posture_opt.selection.answer.placement import Placement, VisitingOrder, best_order, combined_sigma
+from posture_opt.selection.answer.placement import BenchMap, Placement, VisitingOrder, best_order, combined_sigma
 from posture_opt.selection.answer.prices import Price, prices_of
 from posture_opt.selection.answer.solution_statements import solution_statements
 from posture_opt.selection.answer.target_answer import TargetAnswer
@@ -194,7 +194,7 @@ class Solution(TargetAnswer):
         return best_order(self.optimisation_problem.robot, self.postures)
 
     @cached_property
-    def bench(self) -> Any:
+    def bench(self) -> BenchMap | None:
         """The spread over the first two free coordinates of the placement; None where fewer are free."""
         return None if self.placement is None else self.placement.bench(self.postures)
 

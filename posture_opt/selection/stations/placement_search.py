@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from posture_opt.numerics import Array, Progress
-from posture_opt.selection.answer.placement import Placement, combined_sigma
+from posture_opt.selection.answer.placement import BenchMap, Placement, combined_sigma
 from posture_opt.selection.search.multistart import independent_batches, recurrences
 from posture_opt.selection.stations.placed_stations import PlacedStations, Postures
 from posture_opt.selection.stations.stations_problem import StationsOutcome, StationsPoint
@@ -204,15 +204,6 @@ def _distinct(stations: PlacedStations, optima: list[PlacementOptimum]) -> tuple
         else:
             kept.append(optimum)
     return tuple(kept)
-
-
-@dataclass(frozen=True)
-class BenchMap:
-    """Best spread over two coordinates of the placement, the others as in the answer."""
-
-    axes: tuple[int, int]  # which two coordinates, 0 to 3
-    values: tuple[Array, Array]  # of each of them [m or rad]
-    sigma: Array  # (len(values[0]), len(values[1])) [m]; NaN where a feature cannot be done
 
 
 @dataclass(frozen=True)
