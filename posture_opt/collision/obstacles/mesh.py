@@ -17,7 +17,7 @@ from posture_opt.errors import InputError, Issue
 from posture_opt.files import located
 from posture_opt.numerics import Array
 from posture_opt.robot.meshes import UnreadMeshError
-from posture_opt.robot.urdf_chain import xyz_rpy
+from posture_opt.robot.robot import xyz_rpy
 
 MeshUnit = Literal["m", "cm", "mm", "in"]
 """Unit of the lengths in a mesh file."""
