@@ -18,7 +18,7 @@ from posture_opt.errors import InputError, Issue
 from posture_opt.files import located
 from posture_opt.numerics import TURN, Array, Codes
 from posture_opt.robot.meshes import UnreadMeshError, read_triangles
-from posture_opt.robot.urdf_chain import xyz_rpy
+from posture_opt.robot.robot import xyz_rpy
 
 _SURFACE_POINTS = 10_000
 """Points on the surface of the mesh that these are compared with."""

@@ -18,8 +18,13 @@ from posture_opt.robot.posture import Posture, PostureLike, beyond_limits, read_
 from posture_opt.robot.robot import Robot
 from posture_opt.statements import Quantity, Statement, state
 from posture_opt.uncertainty.moments.integration import Integration
-from posture_opt.uncertainty.moments.pose_covariance import POSE_FRAME, PoseCovariance, pose_covariance
-from posture_opt.uncertainty.moments.second_order import Validity, second_order
+from posture_opt.uncertainty.moments.pose_covariance import (
+    POSE_FRAME,
+    PoseCovariance,
+    Validity,
+    pose_covariance,
+    second_order,
+)
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
 from posture_opt.uncertainty.regions.regions import Ellipsoid
 from posture_opt.uncertainty.sources.sources import Sources, of_workpiece
