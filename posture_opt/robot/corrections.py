@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import Literal
 
 from posture_opt.errors import BadValueError, InputError, Issue, did_you_mean, listed, nearest
+from posture_opt.robot.axes import beside_bodies
 from posture_opt.robot.robot import Factor, Joint, Robot
 from posture_opt.units import parse_quantity
 
@@ -24,7 +25,10 @@ def corrected(robot: Robot, corrections: Mapping[str, object]) -> Robot:
     }
     if issues:
         raise InputError(issues)
-    return deviated(robot, values)
+    try:
+        return deviated(robot, beside_bodies(robot, values))
+    except BadValueError as error:
+        raise InputError(error.issue(("corrections",))) from None
 
 
 def deviated(robot: Robot, values: Mapping[str, float], former: Mapping[str, float] | None = None) -> Robot:

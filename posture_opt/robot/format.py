@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field, ValidationInfo, WithJsonSchema, field_validator
+from pydantic import Field, ValidationError, ValidationInfo, WithJsonSchema, field_validator, model_validator
 
 from posture_opt.errors import BadValueError, InputError, Issue, as_given
 from posture_opt.limits import MOST_JOINTS
@@ -16,6 +16,7 @@ from posture_opt.numerics import TURN
 from posture_opt.robot.corrections import corrected, with_velocities
 from posture_opt.robot.robot import Factor, Joint, Robot, frame_factors
 from posture_opt.robot.shape_section import ShapeSpec, shaped
+from posture_opt.robot.table_file import table_rows
 from posture_opt.spec import Spec, WordOrSection
 from posture_opt.units import Angle, JointVelocity, Length, Mass, Quantity, parse_quantity
 
@@ -203,23 +204,48 @@ def check_payload(robot: Robot) -> None:
 class TableRobot(RobotFormat):
     """A robot given by one table row a joint: the base of both Denavit-Hartenberg conventions."""
 
-    joints: tuple[JointSpec, ...] = Field(description="rows of the table, from base to tool")
+    joints: tuple[JointSpec, ...] = Field((), description="rows of the table, from base to tool")
+    file: str | None = Field(None, description="CSV with the rows in place of `joints`: name, a [mm], alpha [deg], …")
 
     @field_validator("joints")
     @classmethod
     def _usable_table(cls, joints: tuple[JointSpec, ...]) -> tuple[JointSpec, ...]:
+        MOST_JOINTS.check(len(joints))
         names = [joint.name for joint in joints]
-        if not names:
-            raise BadValueError("a robot needs at least one joint")
-        MOST_JOINTS.check(len(names))
         if twice := sorted({name for name in names if names.count(name) > 1}):
             raise BadValueError(f"joint names given twice: {', '.join(twice)}", "names must differ")
         return joints
 
+    @model_validator(mode="after")
+    def _one_table(self) -> TableRobot:
+        if not self.joints and self.file is None:
+            raise BadValueError("a robot needs at least one joint")
+        if self.joints and self.file is not None:
+            raise BadValueError("joints and file are both given", "keep one of them")
+        return self
+
     def nominal(self, folder: Path) -> Robot:
-        """The chain in numbers; ``folder`` is not needed."""
+        """The chain in numbers, its frames beside its bodies."""
+        if self.file is not None:
+            joints = self._filed(folder, self.file)
+            return self.model_copy(update={"joints": joints, "file": None}).nominal(folder)
         links = tuple(self.row(joint, index) for index, joint in enumerate(self.joints))
-        return self.assemble(f"{len(links)}-joint arm", tuple(joint.joint() for joint in self.joints), links)
+        return self.assemble(
+            f"{len(links)}-joint arm", tuple(joint.joint() for joint in self.joints), self.placed(links)
+        )
+
+    def placed(self, links: tuple[tuple[Factor, ...], ...]) -> tuple[tuple[Factor, ...], ...]:
+        """The links of the table from frames that stand beside the arm."""
+        return links
+
+    def _filed(self, folder: Path, file: str) -> tuple[JointSpec, ...]:
+        rows = table_rows(folder, file)
+        try:
+            return type(self)(kind=self.kind, joints=rows).joints  # type: ignore[attr-defined, call-arg]
+        except ValidationError as error:
+            found = error.errors(include_url=False)
+            issues = [Issue(e["msg"].removeprefix("Value error, "), e["loc"], file=file) for e in found]
+            raise InputError(issues) from None
 
     @staticmethod
     @abstractmethod

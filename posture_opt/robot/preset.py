@@ -16,7 +16,8 @@ from pydantic import Field
 from posture_opt.errors import InputError, Issue, as_given, either, listed
 from posture_opt.files import packaged
 from posture_opt.files import preset_names as preset_names
-from posture_opt.robot.corrections import with_velocities
+from posture_opt.robot.controller_file import controller_values
+from posture_opt.robot.corrections import deviated, with_velocities
 from posture_opt.robot.dh import DhRobot
 from posture_opt.robot.format import FrameSpec, RobotFormat
 from posture_opt.robot.mdh import MdhRobot
@@ -85,10 +86,15 @@ class PresetRobot(RobotFormat):
 
     kind: Literal["preset"] = "preset"
     name: str = Field(description="of the preset: `optimize-posture list` has them")
+    file: str | None = Field(
+        None, description="calibration of this arm by its maker: a UR's calibration.conf, the YAML of its ROS driver"
+    )
 
     def nominal(self, folder: Path) -> Robot:
-        """The preset in numbers; ``folder`` is not needed."""
+        """The preset in numbers, as the maker calibrated this arm."""
         robot = load_preset(self.name)
+        if self.file is not None:
+            robot = deviated(robot, controller_values(robot, folder, self.file))
         given = self.model_fields_set
         if "base" in given:
             robot = replace(robot, base=self.base.factors("base"), base_free=self.base.free)
