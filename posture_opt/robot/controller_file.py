@@ -55,6 +55,8 @@ def _corrections(deltas: Mapping[str, list[float]], nominal: Robot) -> dict[str,
         for name, values in deltas.items()
         for joint, value in zip(nominal.joint_names, values, strict=True)
     }
+    if not nominal.name.startswith("Universal Robots"):
+        raise BadValueError(f"a calibration.conf is of an arm of Universal Robots, not of {nominal.name}")
     if missing := sorted({*given} - {*nominal.parameters}):
         raise BadValueError(f"the arm has no parameter {missing[0]}", "name a preset with a Denavit-Hartenberg table")
     return given

@@ -210,18 +210,18 @@ class TableRobot(RobotFormat):
     @field_validator("joints")
     @classmethod
     def _usable_table(cls, joints: tuple[JointSpec, ...]) -> tuple[JointSpec, ...]:
-        MOST_JOINTS.check(len(joints))
         names = [joint.name for joint in joints]
+        if not names:
+            raise BadValueError("a robot needs at least one joint")
+        MOST_JOINTS.check(len(names))
         if twice := sorted({name for name in names if names.count(name) > 1}):
             raise BadValueError(f"joint names given twice: {', '.join(twice)}", "names must differ")
         return joints
 
     @model_validator(mode="after")
     def _one_table(self) -> TableRobot:
-        if not self.joints and self.file is None:
-            raise BadValueError("a robot needs at least one joint")
-        if self.joints and self.file is not None:
-            raise BadValueError("joints and file are both given", "keep one of them")
+        if bool(self.joints) == (self.file is not None):
+            raise BadValueError("a table is given by joints or by file, by one of them", "write joints: [{name: …}, …]")
         return self
 
     def nominal(self, folder: Path) -> Robot:

@@ -10,6 +10,7 @@ import pytest
 
 from posture_opt import load_problem, problem_from_dict
 from posture_opt.errors import InputError
+from posture_opt.problem.starter import calibrated_starter_text
 
 # Deviations of the size that UR5 controllers store, rows of nearly parallel axes 200 m away.
 CONF = """\
@@ -135,6 +136,7 @@ def test_the_yaml_of_a_driver_moves_as_its_origins_say(tmp_path: Path) -> None:
     [
         (CONF.replace(", 0]", "]"), "ur5", "6 numbers"),
         (CONF, "xarm7", "7 numbers"),
+        (CONF, "xarm6", "of an arm of Universal Robots"),
         ("a: 1", "ur5", "0 joints are calibrated"),
         (ORIGINS, "planar_2r", "6 joints are calibrated"),
     ],
@@ -149,3 +151,13 @@ def test_a_problem_file_travels_with_the_calibration(tmp_path: Path) -> None:
     (tmp_path / "p.yaml").write_text("robot: {kind: preset, name: ur5, file: calibration.conf}\n")
     files = load_problem(tmp_path / "p.yaml").files("kept")
     assert set(files) == {"kept.yaml", "kept_robot.conf"}
+
+
+def test_a_starter_names_the_preset_that_the_calibration_fits(tmp_path: Path) -> None:
+    (tmp_path / "mine.yaml").write_text(ORIGINS)
+    text = calibrated_starter_text(tmp_path / "mine.yaml", tmp_path)
+    assert "name: ur5e\n" in text
+    assert "mine.yaml" in text
+    (tmp_path / "calibration.conf").write_text(CONF)
+    with pytest.raises(InputError, match="'ur5' or 'ur5e'"):
+        calibrated_starter_text(tmp_path / "calibration.conf", tmp_path)
