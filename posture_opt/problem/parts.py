@@ -238,7 +238,8 @@ def problem_notes(
         [f"{', '.join(noise)}: of the measurement alone, no part of the spread of the tool point"] if noise else []
     )
     far = plausibility_notes(arm.robot, stated, sources)
-    return (*sources.notes, *far, *input_notes(arm), *of_noise, *roll_notes(arm.robot, sources))
+    of_robot = arm.robot.notes if arm.robot.description else ()
+    return (*sources.notes, *of_robot, *far, *input_notes(arm), *of_noise, *roll_notes(arm.robot, sources))
 
 
 def roll_notes(robot: Robot, sources: Sources) -> tuple[str, ...]:

@@ -15,7 +15,7 @@ from pydantic import Field
 from posture_opt.errors import BadValueError, InputError, Issue, listed
 from posture_opt.files import content, located
 from posture_opt.limits import MAX_URDF_BYTES, MOST_JOINTS
-from posture_opt.numerics import Array
+from posture_opt.numerics import TURN, Array
 from posture_opt.robot.corrections import with_velocities
 from posture_opt.robot.format import FULL_TURN, RobotFormat, check_joint_name
 from posture_opt.robot.robot import BASE, Joint, Robot, UrdfDescription
@@ -65,9 +65,8 @@ class UrdfRobot(RobotFormat):
         segments = segments_of(path)
         links = tuple(link_factors(segment, index) for index, segment in enumerate(segments))
         joints = tuple(_joint_of(tree, segment) for segment in segments)
-        free = [s.moving.name for s in segments if s.moving.type == "revolute" and s.moving.lower is None]
         robot = self.bare(tree.name, joints, links)
-        notes = (*tip.notes(), *(f"joint {name} has no <limit>: a turn either way is taken" for name in free))
+        notes = (*tip.notes(), *_notes(path, robot.length))
         # Stated in the child link of the last joint, counted from the tip.
         end = np.linalg.inv(segments[-1].T_child_end).astype(np.float64)
         if not replaces_shape(self.shape):
@@ -172,11 +171,31 @@ def _check_joint(joint: UrdfJoint) -> None:
 
 
 def _joint_limits(joint: UrdfJoint) -> tuple[float, float]:
-    """(lower, upper) [rad or m]; a whole turn either way where the file has none for a joint that turns."""
+    """(lower, upper) [rad or m] that the controller allows; a whole turn either way where the file has no limit for a
+    joint that turns."""
     lower, upper = joint.lower, joint.upper
     if lower is None or upper is None or (joint.type == "continuous" and not lower < upper):
         return FULL_TURN  # many files write lower="0" upper="0" for a continuous joint
-    return lower, upper
+    soft = max(lower, joint.soft[0]), min(upper, joint.soft[1])
+    return soft if soft[0] < soft[1] else (lower, upper)
+
+
+def _notes(path: list[UrdfJoint], length: float) -> Iterator[str]:
+    """What was assumed of a chain, and what no arm has: numbers in another unit than URDF's m and rad."""
+    for joint in path:
+        limits = _joint_limits(joint)
+        if any(abs(angle) > TURN for angle in joint.rpy):
+            yield f"joint {joint.name} is turned by rpy {' '.join(f'{v:g}' for v in joint.rpy)} rad: are these degrees?"
+        if joint.type == "revolute" and joint.lower is None:
+            yield f"joint {joint.name} has no <limit>: a turn either way is taken"
+        elif joint.type == "revolute" and max(map(abs, limits)) > 4 * TURN:
+            yield f"joint {joint.name} turns from {limits[0]:g} to {limits[1]:g} rad: are these degrees?"
+        elif joint.type != "fixed" and limits != FULL_TURN and limits != (joint.lower, joint.upper):
+            yield f"limits of joint {joint.name} are those of its <safety_controller>, {limits[0]:g} to {limits[1]:g}"
+        if joint.type != "fixed" and joint.rising:
+            yield f"<calibration> of joint {joint.name} is not used; write an offset as corrections: {joint.name}.theta"
+    if length > 20:  # m; the largest arms have 5
+        yield f"the links are {length:.0f} m long: is the file in mm?"
 
 
 def pitched_rolls(robot: Robot) -> tuple[str, ...]:

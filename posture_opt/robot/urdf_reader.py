@@ -178,7 +178,8 @@ class _UrdfReader:
         name = self.name(element)
         owner = f"joint '{name}'"
         limit, mimic = element.first("limit"), element.first("mimic")
-        axis = element.first("axis")
+        axis, safety = element.first("axis"), element.first("safety_controller")
+        soft = [self._one_number(safety, f"soft_{end}_limit", owner) for end in ("lower", "upper")]
         roll, pitch, yaw = self._three_numbers(element.first("origin"), "rpy", owner).tolist()
         return UrdfJoint(
             name=name,
@@ -197,6 +198,8 @@ class _UrdfReader:
             velocity=self._one_number(limit, "velocity", owner),
             effort=self._one_number(limit, "effort", owner),
             mimics=mimic.attributes.get("joint", "another joint") if mimic else "",
+            soft=(-math.inf if soft[0] is None else soft[0], math.inf if soft[1] is None else soft[1]),
+            rising=self._one_number(element.first("calibration"), "rising", owner),
             line=element.line,
         )
 

@@ -33,6 +33,8 @@ class UrdfJoint:
     velocity: float | None
     effort: float | None
     mimics: str  # the joint that this one follows, or an empty text
+    soft: tuple[float, float]  # what its controller allows of these limits; infinite where the file has nothing
+    rising: float | None  # where its reference switch is, which some calibrations write their offset into
     line: int  # where in the file it begins
 
 

@@ -365,6 +365,30 @@ def test_several_leaves_ask_for_one(tmp_path):
         UrdfRobot(file="arm.urdf").build(tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("origin", "limit", "beside", "limits", "said"),
+    [
+        ("0 0 0.2", "-170 170", "", (-170, 170), ["are these degrees?"]),
+        ('0 0 0.2" rpy="0 90 0', "-1 1", "", (-1, 1), ["are these degrees?"]),
+        ("0 0 200", "-1 1", "", (-1, 1), ["is the file in mm?"]),
+        ("0 0 0.2", "-2 2", '<calibration rising="0.05"/>', (-2, 2), ["corrections: j.theta"]),
+        ("0 0 0.2", "-2 2", '<safety_controller soft_lower_limit="-1" soft_upper_limit="3"/>', (-1, 2), ["<safety_"]),
+        ("0 0 0.2", "-2 2", '<safety_controller soft_lower_limit="0" soft_upper_limit="0"/>', (-2, 2), []),
+        ("0 0 0.2", "-2 2", '<calibration rising="0"/>', (-2, 2), []),
+    ],
+)
+def test_what_no_arm_has_and_what_controllers_add_is_noted(tmp_path, origin, limit, beside, limits, said):
+    lower, upper = limit.split()
+    joint = f'<origin xyz="{origin}"/><axis xyz="0 1 0"/><limit lower="{lower}" upper="{upper}"/>{beside}'
+    links = '<link name="a"/><link name="b"/>'
+    joint = f'<joint name="j" type="revolute"><parent link="a"/><child link="b"/>{joint}</joint>'
+    (tmp_path / "r.urdf").write_text(f'<robot name="r">{links}{joint}</robot>', encoding="utf-8")
+    robot = UrdfRobot(file="r.urdf").build(tmp_path)
+    assert (robot.lower[0], robot.upper[0]) == limits
+    assert len(robot.notes) == len(said)
+    assert all(part in note for part, note in zip(said, robot.notes, strict=True))
+
+
 def test_a_roll_in_front_of_a_pitch_is_told_where_it_is_named(tmp_path):
     rows = [("j", ORIGIN[0], (0.4, 1.5708, 0.6), (0, 1, 0), None), ("k", ORIGIN[0], (0.4, 0, 0.6), (0, 1, 0), None)]
     (tmp_path / "arm.urdf").write_text(urdf_text(rows))
