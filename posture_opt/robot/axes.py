@@ -17,6 +17,8 @@ from posture_opt.robot.robot import Factor, Robot
 from posture_opt.robot.shape_section import factor_transform
 
 Links = tuple[tuple[Factor, ...], ...]  # (n,) the factors of each link
+# Sine of the angle of two axes below which ``d`` and ``a`` cannot follow a tilt of the next one (Hayati 1983)
+NEARLY_PARALLEL = 0.17364817766693033  # sin 10 deg
 _STEP = 1e-6  # of a parameter [rad or m], for differences
 _MOST_ROUNDS = 30
 _CLOSED = 1e-10  # [rad and m] left of axes and flange; double precision leaves 1e-13 at 1 km

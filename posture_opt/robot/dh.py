@@ -9,12 +9,11 @@ from typing import Literal
 import numpy as np
 
 from posture_opt.numerics import Array
-from posture_opt.robot.axes import Links, axes_of, moved_links, nearest_values
+from posture_opt.robot.axes import NEARLY_PARALLEL, Links, axes_of, moved_links, nearest_values
 from posture_opt.robot.format import JointSpec, TableRobot
 from posture_opt.robot.robot import Factor
 from posture_opt.robot.shape_section import factor_transform, product_of
 
-_PARALLEL = math.sin(math.radians(10.0))  # below, ``d`` and ``a`` cannot follow a tilt of the next axis (Hayati 1983)
 _FAR = 10.0  # times all lengths across the axes: no arm is so much longer along them
 
 
@@ -42,9 +41,9 @@ class DhRobot(TableRobot):
     def placed(self, links: Links) -> Links:
         """The chain with ``d = 0`` and ``beta`` between nearly parallel axes, where a table has frames far away."""
         across = sum(abs(joint.a) for joint in self.joints)
-        near = [*(abs(math.sin(joint.alpha)) < _PARALLEL for joint in self.joints[:-1]), False]
+        near = [*(1e-12 < abs(math.sin(joint.alpha)) < NEARLY_PARALLEL for joint in self.joints[:-1]), False]
         rows = [i for i, (before, own) in enumerate(pairwise([False, *near])) if before or own]
-        if not rows or max(abs(self.joints[i].d) for i in rows) <= _FAR * max(across, 1e-3):
+        if not rows or max(abs(self.joints[i].d) for i in rows) <= _FAR * max(across, 0.1):
             return links
         axes, flange = axes_of(factor for link in links for factor in link)
         values = _beside_axes(self.joints, rows, axes)
