@@ -12,6 +12,7 @@ from posture_opt.calibration.calibration_statements import (
     ELSEWHERE,
     data_warnings,
     doubts,
+    frames,
     instrument,
     left_out,
     rows_in_time,
@@ -41,6 +42,7 @@ def statements_of(found: Diagnosis) -> Iterator[Statement]:
     if found.overfitted:
         yield state("diagnosis.overfitted")
     yield from instrument(calibration, found.delivery.nominal)
+    yield from frames(calibration) if found.delivery.nominal else ()
     yield from (reading.statement for reading in found.weights)
     yield from doubts(calibration)
     if found.times_allowed is not None and found.verdict == "unexplained":

@@ -298,9 +298,11 @@ class Problem(ProblemData):
             if isinstance(entry, dict) and (given := entry.get(key)):
                 further[name], entry[key] = self._content(given), name
 
+        robot = document.get("robot") or {}
+        table = f"{stem}.urdf" if robot.get("kind") == "urdf" else f"{stem}_robot{Path(robot.get('file') or '').suffix}"
         for section, key, name in (
             ("uncertainty", "covariance", f"{stem}_covariance.csv"),
-            ("robot", "file", f"{stem}.urdf"),
+            ("robot", "file", table),
             ("robot", "srdf", f"{stem}.srdf"),
             ("task", "path", f"{stem}_path.csv"),
             ("cell", "scene", f"{stem}.scene"),
