@@ -10,8 +10,11 @@ import pytest
 
 import posture_opt as po
 from posture_opt.calibration.estimation.parameters import Parameter, prior_covariance
+from posture_opt.experiments.candidate_postures import nominal_chain, skeleton_points
 from posture_opt.problem.yaml_source import parse_yaml
-from tests.helpers.factors import pose
+from posture_opt.robot import load_preset
+from posture_opt.robot.corrections import corrected
+from tests.helpers.factors import frame, pose, random_postures
 
 URDF = """\
 <robot name="arm">
@@ -168,3 +171,58 @@ def test_scatter_is_read_where_the_robot_is_broken() -> None:
         po.problem_from_dict(parse_yaml(text).data)
     assert "scatter.joint1.theta" in str(caught.value)
     assert "scatter.joint1.a" in str(caught.value)
+
+
+def dh_of(origins, axes, tip, nominal):
+    """Corrections of a DH table that make these joint axes (6, 3), (6, 3) and tip (4, 4): x is on common normals."""
+    found, T = {}, np.eye(4)
+    for k, link in enumerate(nominal.links):
+        at = {f.parameter: f.nominal for f in link}
+        name, z, o = nominal.joint_names[k], T[:3, 2], T[:3, 3]
+        if k < 5:
+            along, p = axes[k + 1], origins[k + 1]
+            t, u = np.linalg.lstsq(np.column_stack([z, -along]), p - o, rcond=None)[0]
+            end = p + u * along
+            x = end - o - t * z if at[f"{name}.a"] else np.cross(z, along)
+            x *= np.sign(at[f"{name}.a"] or at[f"{name}.alpha"]) / np.linalg.norm(x)
+        else:
+            end, along, x = tip[:3, 3], tip[:3, 2], tip[:3, 0]
+        row = {
+            "theta": np.arctan2(x @ T[:3, 1], x @ T[:3, 0]), "d": (end - o) @ z, "a": (end - o) @ x,
+            "alpha": np.arctan2(np.cross(z, along) @ x, z @ along),
+        }  # fmt: skip
+        found |= {f"{name}.{key}": value - at[f"{name}.{key}"] for key, value in row.items()}
+        T[:3] = np.column_stack([x, np.cross(along, x), along, end])
+    return {name: f"{float(value)!r} {'m' if name[-2:] in ('.d', '.a') else 'rad'}" for name, value in found.items()}
+
+
+@pytest.mark.parametrize("name", ["ur3e", "ur5", "ur10e"])
+def test_bodies_stay_where_a_calibration_puts_frames_far_off(name: str) -> None:
+    """Parallel axes that lean by 0.2 mrad have common normals many metres away, and DH frames are there."""
+    nominal, rng = load_preset(name), np.random.default_rng(5)
+    frames = [np.eye(4), *(frame(nominal, np.zeros(6), k) for k in range(6))]
+    axes = np.array([T[:3, 2] for T in frames[:6]])
+    axes[2:4] += 2e-4 * rng.standard_normal((2, 3))
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    stated = dh_of(np.array([T[:3, 3] for T in frames[:6]]), axes, frames[6], nominal)
+    assert max(abs(float(text.split()[0])) for text in stated.values()) > 10  # m
+    off = corrected(nominal, stated)
+    assert off.length == pytest.approx(nominal.length, rel=0.3)
+    for q in random_postures(nominal, 20):
+        np.testing.assert_allclose(pose(off, q), pose(nominal, q), atol=2e-3)
+        for one, other in zip(off.shape, nominal.shape, strict=True):
+            np.testing.assert_allclose(ends_of(off, one, q), ends_of(nominal, other, q), atol=2e-3)
+        for k, (one, other) in enumerate(zip(off.joints, nominal.joints, strict=True)):
+            places = [frame(arm, q, k) @ [*joint.com, 1.0] for arm, joint in ((off, one), (nominal, other))]
+            np.testing.assert_allclose(*places, atol=2e-3)
+        reached = [nominal_chain(arm, q[None]) for arm in (off, nominal)]
+        skeletons = [skeleton_points(arm, there, 1) for arm, there in zip((off, nominal), reached, strict=True)]
+        np.testing.assert_allclose(*skeletons, atol=2e-3)
+
+
+def ends_of(robot, capsule, q):
+    """Both ends (2, 3) of a capsule in the world [m]."""
+    names = ["base", *robot.joint_names]
+    T = pose(robot, q) if capsule.joint == "tool" else np.eye(4)
+    T = frame(robot, q, names.index(capsule.joint) - 1) if capsule.joint in names[1:] else T
+    return [(T @ [*end, 1.0])[:3] for end in (capsule.start, capsule.end)]
