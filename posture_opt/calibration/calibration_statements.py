@@ -192,10 +192,10 @@ def _answer(found: Calibration) -> list[Statement]:
         which = "error-reduced" if after.value < before.value else "error-not-reduced"
         said = [state(f"calibration.{which}", what=what, nominal=before, calibrated=after)]
         said += instrument(found, found.keeps_nominal)
-    return said + _frames(found) * found.keeps_nominal
+    return said + frames(found) * found.keeps_nominal
 
 
-def _frames(found: Calibration) -> list[Statement]:
+def frames(found: Calibration) -> list[Statement]:
     """Where tool and base are, if the data determine their origin: what they determine, with its standard error."""
     said = []
     for frame in ("tool", "base"):

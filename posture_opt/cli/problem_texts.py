@@ -18,7 +18,7 @@ from posture_opt.model.effects import CATALOGUE
 from posture_opt.output import json_text
 from posture_opt.problem.load import load_builtin
 from posture_opt.problem.schema import TITLE, json_schema
-from posture_opt.problem.starter import starter_text, urdf_starter_text
+from posture_opt.problem.starter import calibrated_starter_text, starter_text, urdf_starter_text
 from posture_opt.report.text.text import terminal_width, text_table
 from posture_opt.robot import load_preset
 from posture_opt.selection.registered_tasks import every_task, registered_tasks
@@ -84,8 +84,11 @@ def starter(robot: str, base_link: str | None, tip_link: str | None, out: Path |
         hint = "choose another name, or replace it with --force"
         raise InputError(Issue(f"{out} exists", ("--out",), str(out), hint))
     try:
+        folder = Path() if out is None else out.parent
+        if is_file(Path(robot)) and robot.lower().endswith((".conf", ".yaml", ".yml")):
+            return calibrated_starter_text(Path(robot), folder)
         if options.is_robot_file:
-            return urdf_starter_text(Path(robot), base_link, tip_link, Path() if out is None else out.parent)
+            return urdf_starter_text(Path(robot), base_link, tip_link, folder)
         return starter_text(robot)
     except InputError as error:
         keys = {"base_link": "--base-link", "tip_link": "--tip-link"}

@@ -12,6 +12,7 @@ from posture_opt.calibration.calibration_statements import (
     ELSEWHERE,
     data_warnings,
     doubts,
+    frames,
     instrument,
     left_out,
     rows_in_time,
@@ -41,6 +42,7 @@ def statements_of(found: Diagnosis) -> Iterator[Statement]:
     if found.overfitted:
         yield state("diagnosis.overfitted")
     yield from instrument(calibration, found.delivery.nominal)
+    yield from frames(calibration) if found.delivery.nominal else ()
     yield from (reading.statement for reading in found.weights)
     yield from doubts(calibration)
     if found.times_allowed is not None and found.verdict == "unexplained":
@@ -162,11 +164,10 @@ def _delivery(found: Diagnosis) -> Iterator[Statement]:
     """Which arm is delivered where it is not the one with all effects, and how well it explains these data."""
     delivery, effects = found.delivery, found.model.effects
     held, (rms, outliers) = Quantity(delivery.held.rms), found.delivered
-    none_kept = not delivery.kept and bool(effects)
-    if none_kept:
+    if not delivery.kept and effects:
         yield state(f"diagnosis.delivered-{'nominal' if delivery.nominal else 'calibrated'}", held=held)
     yield state("diagnosis.delivered-rms", rms=Quantity(rms), outliers=outliers)
-    if none_kept:
+    if delivery.nominal:
         return
     for reason, places in (
         ("which belongs to this session", delivery.session),

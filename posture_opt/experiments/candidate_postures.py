@@ -134,8 +134,8 @@ class Workspace:
         return self._with_instrument(self.ranges[1] - self.ranges[0], 0.0)
 
     def unit_travel(self) -> Array:
-        """(w,) travel that counts as one radian: 1 rad of a revolute joint, the length of the arm of a slide [m]."""
-        size = max(self.robot.length, 1e-3)
+        """(w,) travel that counts as one radian: 1 rad of a revolute joint, of a slide the length of the arm or 1 m."""
+        size = self.robot.length or 1.0
         own = np.array([1.0 if joint.type == "revolute" else size for joint in self.joints])
         return self._with_instrument(own, np.inf)
 
@@ -156,6 +156,19 @@ def joint_range(joint: Joint, margin: float) -> tuple[float, float]:
     # 0.05 of a joint's range
     inward = max(min(_LIMIT_MARGIN[joint.type], 0.05 * (upper - lower)), min(stated, 0.49 * (upper - lower)))
     return lower + inward, upper - inward
+
+
+def measured_room(robot: Robot, q: Array | None) -> Robot:
+    """The robot itself; a flange without an arm may go where its poses q (N, n) [rad or m] were measured."""
+    if not robot.pose_prefix:
+        return robot
+    if q is None:
+        hint = "name some that the arm reaches: --given DATA.csv"
+        raise InputError(Issue("poses of a flange are planned among measured ones", ("robot", "kind"), "flange", hint))
+    turns = np.array([joint.type == "revolute" for joint in robot.joints])
+    near = np.where(turns, np.angle(np.exp(1j * (q - q[0]))) + q[0], q)
+    ends = zip(robot.joints, near.min(axis=0).tolist(), near.max(axis=0).tolist(), strict=True)
+    return replace(robot, joints=tuple(replace(joint, lower=lower, upper=upper) for joint, lower, upper in ends))
 
 
 def nominal_chain(robot: Robot, q: Array) -> Walk:
@@ -182,7 +195,8 @@ def candidate_rows(residuals: Residuals, joints: Collection[int], sided: bool, s
     moving = np.ptp(points[:, :, 2], axis=0) > 1e-9
     lowest = float(points[:, moving, 2].min()) if moving.any() else np.inf
     scene = Scene.of(robot, None, guessed=True, without_mounting=True)
-    workspace = Workspace.of(robot, scene, height=min(lowest, float(points[0, 0, 2])) - 1e-9)
+    room = measured_room(robot, data.q)
+    workspace = Workspace.of(room, scene, height=min(lowest, float(points[0, 0, 2])) - 1e-9)
     swung = known[rng.integers(len(known), size=_SWUNG_CANDIDATES)]
     columns = list(joints) or list(range(robot.n))
     lower, upper = workspace.lower, workspace.upper

@@ -10,7 +10,7 @@ import numpy as np
 
 from posture_opt.collision.scene import Scene
 from posture_opt.errors import InputError, InsufficientDataError, Issue, NoSolutionError
-from posture_opt.experiments.candidate_postures import ANYWHERE, Box, Workspace
+from posture_opt.experiments.candidate_postures import ANYWHERE, Box, Workspace, measured_room
 from posture_opt.experiments.information import (
     ExpectedErrors,
     MeasurementModel,
@@ -68,7 +68,10 @@ def plan_measurements(
     cell's obstacles; any two are 20° or 50 mm apart in some joint where there is room for it.
 
     Args:
+        problem: the arm with its uncertainty, the instrument, and the task if it is planned for.
+        count: number of postures, 1 to 200.
         given: measurements made already.
+        purpose: ``parameters``, ``task`` or ``recheck``.
         seed: of the candidates and starts; the same seed, the same plan; 0 by default.
         link_height: in place of the task's [m].
         within: lower and upper corner (3,) of where the tool point may go, world [m]: what the instrument sees, say.
@@ -130,10 +133,11 @@ class _Settings:
         margin = max((term.at_least for term in terms if isinstance(term, LimitMargin)), default=0.0)
         height = stated if self.link_height is None else self.link_height
         scene = Scene.of(problem.robot, problem.cell, guessed=True, without_mounting=problem.without_mounting)
-        found = Workspace.of(problem.robot, scene, height=height, margin=margin, box=self.within or ANYWHERE)
+        room = measured_room(problem.robot, None if self.given is None else self.given.q)
+        found = Workspace.of(room, scene, height=height, margin=margin, box=self.within or ANYWHERE)
         if max(height, -math.inf if self.within is None else self.within[0][2]) > -math.inf or scene.plane is not None:
             return found, True
-        free = Workspace.of(problem.robot, Scene.of(problem.robot, None))
+        free = Workspace.of(room, Scene.of(problem.robot, None))
         points, _ = nominal_poses(problem.robot, free.drawn(np.random.default_rng(0), 32))
         return found, not np.ptp(points[:, 2]) > 1e-9  # no joint can change the height
 

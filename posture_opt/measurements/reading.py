@@ -181,7 +181,8 @@ def _as_stated(data: Measurements, problem: HasData, mixed: bool) -> Measurement
         raise InputError(Issue("only poses can be inverted", ("data", "direction"), "inverted", hint, data.file))
     if data.position is None or data.rotation is None or (of_camera and not data.measured_axes.all()):
         raise no_board_poses(data)
-    if of_camera and not (robot.base_free and robot.tool_free):
+    frames = (robot.base_free, robot.base), (robot.tool_free, robot.tool)
+    if of_camera and not all(free or any(factor.nominal for factor in factors) for free, factors in frames):
         hint = "write base: free and tool: free in the section robot"
         raise InputError(Issue("where the camera and the board are is not known", key, "camera", hint))
     position, rotation = data.position, data.rotation

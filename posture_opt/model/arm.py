@@ -92,7 +92,11 @@ class Arm:
 
     @classmethod
     def from_problem(cls, problem: HasArm) -> Arm:
-        """The arm of a problem."""
+        """The arm of a problem.
+
+        Args:
+            problem: a ``Problem``, whose task states payload, temperature and sides of approach.
+        """
         return problem.arm
 
     def under(self, inputs: Inputs) -> Arm:

@@ -11,13 +11,14 @@ from pathlib import Path
 
 import numpy as np
 
-from posture_opt.errors import InputError, listed
+from posture_opt.errors import InputError, Issue, either, listed
 from posture_opt.measurements.measurements import nominal_poses
 from posture_opt.model.arm import Arm
 from posture_opt.numerics import Array, Mask
 from posture_opt.problem.load import problem_from_dict
 from posture_opt.problem.yaml_source import dump_scalar, parse_yaml
 from posture_opt.robot import load_preset
+from posture_opt.robot.preset import calibrated_presets
 from posture_opt.robot.robot import Robot
 from posture_opt.robot.urdf import UrdfRobot
 from posture_opt.selection.answer.selector import PostureSelector
@@ -94,8 +95,8 @@ class StarterTarget:
     above_table: bool  # whether links have to stay above the table
 
 
-def starter_text(preset: str) -> str:
-    """The text of a problem file for a preset, with comments."""
+def starter_text(preset: str, file: str = "") -> str:
+    """The text of a problem file for a preset, with comments; ``file`` has the maker's calibration of the arm."""
     robot = load_preset(preset)
     # Well off the base axis and well within reach; a SCARA, which has no wrist to turn down, may stretch further.
     turns, stretched = all(joint.type == "revolute" for joint in robot.joints), _stretched(robot)
@@ -105,8 +106,20 @@ def starter_text(preset: str) -> str:
     # The arm of a SCARA stays at its height and its quill has to go below it; a planar arm lies in its table.
     above = turns and not is_planar(robot)
     target = StarterTarget(sensible_direction(robot), (x * stretched, y * stretched, height), above)
-    section = f"  kind: preset\n  name: {preset}\n  # joints: {', '.join(robot.joint_names)}"
+    named = f"  file: {dump_scalar(file)}\n" if file else ""
+    section = f"  kind: preset\n  name: {preset}\n{named}  # joints: {', '.join(robot.joint_names)}"
     return filled_starter(robot, section, target)
+
+
+def calibrated_starter_text(file: Path, folder: Path) -> str:
+    """The text of a problem file for the preset that a controller's calibration belongs to."""
+    own, refusals = calibrated_presets(file)
+    if len(own) != 1:
+        hint = f"write robot: {{kind: preset, name: {own[0] if own else 'NAME'}, file: {file.name}}}"
+        why = refusals[0].issues[0].message if refusals else "it is of no preset"
+        said = f"it is of {either(own)}, and does not say of which" if own else why
+        raise InputError(Issue(said, value=str(file), hint=hint))
+    return starter_text(own[0], str(file) if file.is_absolute() else Path(os.path.relpath(file, folder)).as_posix())
 
 
 def filled_starter(robot: Robot, section: str, target: StarterTarget) -> str:

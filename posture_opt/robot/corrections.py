@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import Literal
 
 from posture_opt.errors import BadValueError, InputError, Issue, did_you_mean, listed, nearest
+from posture_opt.robot.axes import NEARLY_PARALLEL, beside_bodies
 from posture_opt.robot.robot import Factor, Joint, Robot
 from posture_opt.units import parse_quantity
 
@@ -24,7 +25,10 @@ def corrected(robot: Robot, corrections: Mapping[str, object]) -> Robot:
     }
     if issues:
         raise InputError(issues)
-    return deviated(robot, values)
+    try:
+        return deviated(robot, beside_bodies(robot, values))
+    except BadValueError as error:
+        raise InputError(error.issue(("corrections",))) from None
 
 
 def deviated(robot: Robot, values: Mapping[str, float], former: Mapping[str, float] | None = None) -> Robot:
@@ -124,8 +128,7 @@ def is_fitted(robot: Robot, name: str) -> bool:
     index = robot.joint_names.index(joint) if joint in robot.joint_names else -1
     if last == "beta":
         alpha = parameters[f"{joint}.alpha"].nominal
-        # Below, `d` and `a` can no longer follow a tilt of the next axis (Hayati 1983).
-        return index < robot.n - 1 and abs(math.sin(alpha)) < math.sin(math.radians(10.0))
+        return index < robot.n - 1 and abs(math.sin(alpha)) < NEARLY_PARALLEL
     # The joint value of a URDF joint moves the tool as its origin does.
     return not (last in ("theta", "d") and f"{joint}.roll" in parameters)
 

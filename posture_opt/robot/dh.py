@@ -2,10 +2,19 @@
 
 from __future__ import annotations
 
+import math
+from itertools import pairwise
 from typing import Literal
 
+import numpy as np
+
+from posture_opt.numerics import Array
+from posture_opt.robot.axes import NEARLY_PARALLEL, Links, axes_of, moved_links, nearest_values
 from posture_opt.robot.format import JointSpec, TableRobot
 from posture_opt.robot.robot import Factor
+from posture_opt.robot.shape_section import factor_transform, product_of
+
+_FAR = 10.0  # times all lengths across the axes: no arm is so much longer along them
 
 
 class DhRobot(TableRobot):
@@ -28,3 +37,38 @@ class DhRobot(TableRobot):
             Factor("rotate", 0, joint.alpha, f"{joint.name}.alpha"),
             Factor("rotate", 1, 0.0, f"{joint.name}.beta"),
         )
+
+    def placed(self, links: Links) -> Links:
+        """The chain with ``d = 0`` and ``beta`` between nearly parallel axes, where a table has frames far away."""
+        across = sum(abs(joint.a) for joint in self.joints)
+        near = [*(1e-12 < abs(math.sin(joint.alpha)) < NEARLY_PARALLEL for joint in self.joints[:-1]), False]
+        rows = [i for i, (before, own) in enumerate(pairwise([False, *near])) if before or own]
+        if not rows or max(abs(self.joints[i].d) for i in rows) <= _FAR * max(across, 0.1):
+            return links
+        axes, flange = axes_of(factor for link in links for factor in link)
+        values = _beside_axes(self.joints, rows, axes)
+        guess = moved_links(links, values)
+        return moved_links(guess, nearest_values(guess, axes, flange))
+
+
+def _beside_axes(joints: tuple[JointSpec, ...], rows: list[int], axes: Array) -> dict[str, float]:
+    # Each frame but the last of ``rows`` where its axis meets the xy plane of the frame before (Hayati, Mirmirani 1985)
+    found: dict[str, float] = {}
+    T = product_of([factor for i in range(rows[0]) for factor in DhRobot.row(joints[i], i)])
+    for i in rows[:-1]:
+        w, moment = axes[i + 1, :3], axes[i + 1, 3:]
+        local_w, local_p = T[:3, :3].T @ w, T[:3, :3].T @ (np.cross(w, moment) - T[:3, 3])
+        x, y, _ = local_p - local_w * local_p[2] / local_w[2]
+        theta = math.atan(y / x) if x else 0.0
+        a, c, s = math.hypot(x, y) * math.copysign(1, x), math.cos(theta), math.sin(theta)
+        wx, wy, wz = c * local_w[0] + s * local_w[1], c * local_w[1] - s * local_w[0], local_w[2]
+        new = {"theta": theta, "d": 0.0, "a": a, "alpha": math.atan2(-wy, wz), "beta": math.asin(wx)}
+        T = T @ product_of(
+            DhRobot.row(joints[i].model_copy(update={k: new[k] for k in ("theta", "d", "a", "alpha")}), i)
+        )
+        T = T @ factor_transform(Factor("rotate", 1, new["beta"]))
+        found |= {f"{joints[i].name}.{k}": v - getattr(joints[i], k, 0.0) for k, v in new.items()}
+    last = joints[rows[-1]].name
+    found[f"{last}.d"] = sum(joints[i].d for i in rows[:-1])
+    found[f"{last}.theta"] = -sum(found[f"{joints[i].name}.theta"] for i in rows[:-1])
+    return found

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field, ValidationInfo, WithJsonSchema, field_validator
+from pydantic import Field, ValidationError, ValidationInfo, WithJsonSchema, field_validator, model_validator
 
 from posture_opt.errors import BadValueError, InputError, Issue, as_given
 from posture_opt.limits import MOST_JOINTS
@@ -16,6 +16,7 @@ from posture_opt.numerics import TURN
 from posture_opt.robot.corrections import corrected, with_velocities
 from posture_opt.robot.robot import Factor, Joint, Robot, frame_factors
 from posture_opt.robot.shape_section import ShapeSpec, shaped
+from posture_opt.robot.table_file import table_rows
 from posture_opt.spec import Spec, WordOrSection
 from posture_opt.units import Angle, JointVelocity, Length, Mass, Quantity, parse_quantity
 
@@ -203,7 +204,8 @@ def check_payload(robot: Robot) -> None:
 class TableRobot(RobotFormat):
     """A robot given by one table row a joint: the base of both Denavit-Hartenberg conventions."""
 
-    joints: tuple[JointSpec, ...] = Field(description="rows of the table, from base to tool")
+    joints: tuple[JointSpec, ...] = Field((), description="rows of the table, from base to tool")
+    file: str | None = Field(None, description="CSV with the rows in place of `joints`: name, a [mm], alpha [deg], …")
 
     @field_validator("joints")
     @classmethod
@@ -216,10 +218,34 @@ class TableRobot(RobotFormat):
             raise BadValueError(f"joint names given twice: {', '.join(twice)}", "names must differ")
         return joints
 
+    @model_validator(mode="after")
+    def _one_table(self) -> TableRobot:
+        if bool(self.joints) == (self.file is not None):
+            raise BadValueError("a table is given by joints or by file, by one of them", "write joints: [{name: …}, …]")
+        return self
+
     def nominal(self, folder: Path) -> Robot:
-        """The chain in numbers; ``folder`` is not needed."""
+        """The chain in numbers, its frames beside its bodies."""
+        if self.file is not None:
+            joints = self._filed(folder, self.file)
+            return self.model_copy(update={"joints": joints, "file": None}).nominal(folder)
         links = tuple(self.row(joint, index) for index, joint in enumerate(self.joints))
-        return self.assemble(f"{len(links)}-joint arm", tuple(joint.joint() for joint in self.joints), links)
+        return self.assemble(
+            f"{len(links)}-joint arm", tuple(joint.joint() for joint in self.joints), self.placed(links)
+        )
+
+    def placed(self, links: tuple[tuple[Factor, ...], ...]) -> tuple[tuple[Factor, ...], ...]:
+        """The links of the table from frames that stand beside the arm."""
+        return links
+
+    def _filed(self, folder: Path, file: str) -> tuple[JointSpec, ...]:
+        rows = table_rows(folder, file)
+        try:
+            return type(self)(kind=self.kind, joints=rows).joints  # type: ignore[attr-defined, call-arg]
+        except ValidationError as error:
+            found = error.errors(include_url=False)
+            issues = [Issue(e["msg"].removeprefix("Value error, "), e["loc"], file=file) for e in found]
+            raise InputError(issues) from None
 
     @staticmethod
     @abstractmethod

@@ -16,7 +16,8 @@ from pydantic import Field
 from posture_opt.errors import InputError, Issue, as_given, either, listed
 from posture_opt.files import packaged
 from posture_opt.files import preset_names as preset_names
-from posture_opt.robot.corrections import with_velocities
+from posture_opt.robot.controller_file import controller_values
+from posture_opt.robot.corrections import corrections_of, deviated, with_velocities
 from posture_opt.robot.dh import DhRobot
 from posture_opt.robot.format import FrameSpec, RobotFormat
 from posture_opt.robot.mdh import MdhRobot
@@ -24,6 +25,9 @@ from posture_opt.robot.robot import Factor, Repeatability, Robot
 from posture_opt.robot.shape_section import shaped
 from posture_opt.spec import Spec
 from posture_opt.units import Length, Mass
+
+# Public calibrations of UR5, UR5e and UR10 move no length of the type by more than 1 mm.
+_CALIBRATED_WITHIN_M = 0.005
 
 
 class RepeatabilitySpec(Spec):
@@ -85,10 +89,15 @@ class PresetRobot(RobotFormat):
 
     kind: Literal["preset"] = "preset"
     name: str = Field(description="of the preset: `optimize-posture list` has them")
+    file: str | None = Field(
+        None, description="calibration of this arm by its maker: a UR's calibration.conf, the YAML of its ROS driver"
+    )
 
     def nominal(self, folder: Path) -> Robot:
-        """The preset in numbers; ``folder`` is not needed."""
+        """The preset in numbers, as the maker calibrated this arm."""
         robot = load_preset(self.name)
+        if self.file is not None:
+            robot = deviated(robot, controller_values(robot, folder, self.file))
         given = self.model_fields_set
         if "base" in given:
             robot = replace(robot, base=self.base.factors("base"), base_free=self.base.free)
@@ -98,6 +107,23 @@ class PresetRobot(RobotFormat):
             )
         robot = replace(robot, **{key: getattr(self, key) for key in ("payload", "gravity") if key in given})
         return with_velocities(shaped(robot, self.shape), self.velocity)
+
+
+def calibrated_presets(file: Path) -> tuple[list[str], list[InputError]]:
+    """The presets that a maker's calibration moves least, and why others are not meant."""
+    found: dict[str, float] = {}
+    refusals: list[InputError] = []
+    for name in preset_names():
+        try:
+            arm = load_preset(name)
+            moved = corrections_of(arm, PresetRobot(name=name, file=str(file.absolute())).nominal(Path()))
+        except InputError as error:
+            refusals.append(error)
+            continue
+        shifts = [abs(v) for parameter, v in moved.items() if arm.parameters[parameter].kind == "translate"]
+        found[name] = max(shifts)
+    most = min(2.0 * min(found.values(), default=0.0) + 1e-9, _CALIBRATED_WITHIN_M)
+    return [name for name, shift in found.items() if shift <= most], refusals
 
 
 def preset_text(name: str) -> str:

@@ -40,7 +40,7 @@ def along_links(robot: Robot, radius: float) -> tuple[Capsule, ...]:
         at = next(i for i, factor in enumerate(link) if factor.joint is not None)
         front, behind = link[:at], link[at + 1 :]
         found += [Capsule(before, a, b, radius) for a, b in _offset_spans(front, np.eye(4))]
-        T_link_joint = np.linalg.inv(_product_of(behind)).astype(np.float64)
+        T_link_joint = np.linalg.inv(product_of(behind)).astype(np.float64)
         spans = [*_stroke_span(joint, link[at], T_link_joint), *_offset_spans(behind, T_link_joint)]
         found += [Capsule(joint.name, a, b, radius) for a, b in spans]
         before = joint.name
@@ -52,7 +52,7 @@ def tool_capsule(robot: Robot, free_end: float = 0.0) -> tuple[Capsule, ...]:
     the shape has the tool."""
     if any(capsule.joint == TOOL for capsule in robot.shape):
         return ()
-    T_tool_flange = np.linalg.inv(_product_of(robot.tool)).astype(np.float64)
+    T_tool_flange = np.linalg.inv(product_of(robot.tool)).astype(np.float64)
     flange = T_tool_flange[:3, 3]
     length = float(np.linalg.norm(flange))
     if length <= free_end + _MIN_LENGTH_M:
@@ -79,7 +79,7 @@ def _offset_spans(factors: Sequence[Factor], T: Array) -> Iterator[Span]:
         if factor.kind == "rotate" or factor.axis <= last:
             yield from _span_between(start, T[:3, 3])
             start, last = T[:3, 3], -1
-        T = T @ _factor_transform(factor)
+        T = T @ factor_transform(factor)
         last = factor.axis if factor.kind == "translate" else -1
     yield from _span_between(start, T[:3, 3])
 
@@ -99,12 +99,12 @@ def _stroke_span(joint: Joint, factor: Factor, T_link_joint: Array) -> Iterator[
         yield from _span_between(T_link_joint[:3, 3] - max(ends) * axis, T_link_joint[:3, 3] - min(ends) * axis)
 
 
-def _product_of(factors: Sequence[Factor]) -> Array:
+def product_of(factors: Sequence[Factor]) -> Array:
     """(4, 4) the product of factors at their nominal values, lengths in [m]."""
-    return functools.reduce(np.matmul, map(_factor_transform, factors), np.eye(4))
+    return functools.reduce(np.matmul, map(factor_transform, factors), np.eye(4))
 
 
-def _factor_transform(factor: Factor) -> Array:
+def factor_transform(factor: Factor) -> Array:
     """(4, 4) one factor at its nominal value."""
     T = np.eye(4)
     if factor.kind == "translate":

@@ -94,6 +94,17 @@ def test_a_camera_on_the_flange_is_found_from_poses_of_a_board(tmp_path: Path) -
     calibration.save(tmp_path / "out")
     again = po.load_problem(tmp_path / "out" / "calibrated.yaml")
     assert again.robot.tool[0].nominal == pytest.approx(found_at(calibration, "tool.x")[0] / 1e3, abs=1e-9)
+    recheck = po.recheck(again, po.read_measurements(table, again)).to_json()
+    assert recheck["statements"][0]["id"] == "changes.unchanged"
+    plan = po.plan_measurements(problem, 6, given=po.read_measurements(table, problem), candidates=200)
+    for k, axis in enumerate("xyz"):
+        planned = [row[f"flange_{axis}"] for row in plan.postures]
+        assert p[:, k].min() / 1e3 - 1e-4 <= min(planned) <= max(planned) <= p[:, k].max() / 1e3 + 1e-4
+
+
+def test_poses_of_a_flange_are_planned_among_measured_ones(tmp_path: Path) -> None:
+    with pytest.raises(po.errors.InputError, match="among measured ones"):
+        po.plan_measurements(loaded(tmp_path), 6)
 
 
 def test_half_an_orientation_of_the_flange_is_named(tmp_path: Path) -> None:

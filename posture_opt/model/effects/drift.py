@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import ClassVar, Literal
 
@@ -110,12 +109,12 @@ class Drift(Effect):
 
     def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
         """Angle of the turn, length of the shift [µm]; when a drift that ends has done so."""
-        shift, std = _vector_length([estimate.entry(axis) for axis in "xyz"])
+        shift, std = estimate.length("xyz")
         linear = self.course == "linear"
         between = " from the first row to the last" if linear else " from the first row to where it settles"
         sizes: tuple[Size, ...] = (Size("shift", plus_minus(shift, std, 1e6, "µm"), between),)
         if self.of == "base":
-            turn, error = _vector_length([estimate.entry(angle) for angle in ANGLES])
+            turn, error = estimate.length(ANGLES)
             sizes = (Size("turn", shown(turn, "angle", error), between), *sizes)
         if linear:
             return sizes
@@ -147,8 +146,3 @@ def _settling(estimate: FittedSizes) -> str:
 
 def _seconds_text(value: float) -> Scalar:
     return f"{value!r} s"
-
-
-def _vector_length(parts: list[tuple[float, float]]) -> tuple[float, float]:
-    size = math.hypot(*(value for value, _ in parts))
-    return size, math.hypot(*(value * std for value, std in parts)) / size if size else math.nan

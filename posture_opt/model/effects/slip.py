@@ -24,7 +24,7 @@ from posture_opt.model.effects.base.effect import (
 )
 from posture_opt.numerics import Array, Mask
 from posture_opt.robot.robot import Robot
-from posture_opt.units import Time, number, shown
+from posture_opt.units import Time, number
 
 _Way = Literal["shift", "slide", "settle"]
 SLIP_MOMENTS = 50  # Moments at which a slip is looked for, before those between two of them
@@ -132,7 +132,7 @@ class Slip(Effect):
         moment, _ = estimate.entry("moment")
         row = Size("at", f"row {math.ceil(moment) + 1}", ", as no times are logged")
         timed = Size("at", f"{number(moment / 60)} min after the first row")
-        length = (Size("shift length", shown(*_shift_length(estimate))),) if self.of == _TOOL else ()
+        length = (estimate.shift_length(),) if self.of == _TOOL else ()
         return (*length, *super().sizes(estimate), timed if estimate.timed else row)
 
     def headline(self, estimate: FittedSizes) -> str:
@@ -167,13 +167,6 @@ class Slip(Effect):
         """Refuse a target that the robot lacks."""
         if self.of not in (*_FRAME_WORDS, *robot.joint_names):
             raise BadValueError(f"the robot has no joint '{self.of}'", "write base, tool or one of its joints")
-
-
-def _shift_length(estimate: FittedSizes) -> tuple[float, str, float]:
-    """Length [m] of the shift of a frame, its dimension, and its standard error, coordinates taken as independent."""
-    parts = [estimate.entry(axis) for axis in "xyz"]
-    size = math.hypot(*(value for value, _ in parts))
-    return size, "length", math.hypot(*(value * std for value, std in parts)) / size if size else math.nan
 
 
 def well_covered(moments: Array, times: Scalar) -> Mask:

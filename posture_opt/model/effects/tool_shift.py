@@ -7,7 +7,7 @@ from typing import ClassVar, Literal
 
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import ZERO, at_least, scale
-from posture_opt.model.effects.base.cause import Input
+from posture_opt.model.effects.base.cause import FittedSizes, Input, Size
 from posture_opt.model.effects.base.effect import Sensitivity, SoleEffect
 
 
@@ -27,6 +27,10 @@ class ToolShift(SoleEffect):
     needs: ClassVar[frozenset[Input]] = frozenset({"payload"})
 
     kind: Literal["tool_shift"] = "tool_shift"
+
+    def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
+        """The length of the shift, then its parts."""
+        return (estimate.shift_length(), *super().sizes(estimate))
 
     def sensitivities(self, state: ArmState) -> tuple[Sensitivity, ...]:
         """A shift along each axis of the tool, on rows with a payload."""

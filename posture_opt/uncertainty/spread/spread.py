@@ -200,7 +200,11 @@ class Spread(Result):
         return task_spread(task, self.tool_point, self.q, (self.bias, self.covariance), normal)
 
     def region(self, p: float) -> Array:
-        """(m,) semi-axes [m], ascending, of the region that holds the tool point with probability p."""
+        """(m,) semi-axes [m], ascending, of the region that holds the tool point with a probability.
+
+        Args:
+            p: that probability, between 0 and 1.
+        """
         return self.ellipse.region(p)
 
     @cached_property

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
@@ -59,6 +59,17 @@ class FittedSizes:
         """Value and standard error [SI] of a parameter or a shape."""
         value, std, _ = self.values[name]
         return value, std
+
+    def length(self, names: Iterable[str]) -> tuple[float, float]:
+        """Length of a vector of parameters [SI] and its standard error, its parts taken as independent."""
+        parts = [self.entry(name) for name in names]
+        size = math.hypot(*(value for value, _ in parts))
+        return size, math.hypot(*(value * std for value, std in parts)) / size if size else math.nan
+
+    def shift_length(self) -> Size:
+        """Length of the shift x, y, z."""
+        length, std = self.length("xyz")
+        return Size("shift length", shown(length, "length", std))
 
 
 class Cause:
