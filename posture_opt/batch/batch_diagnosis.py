@@ -123,7 +123,9 @@ def diagnose_batch(
     lengths = [
         _correlation_finding(pair)
         for pair in batch.pairs
-        if pair.significant and units[pair.a] == units[pair.b] == "m" and not _as_stated(pair.stated, pair.interval)
+        if pair.significant
+        and units[pair.a] == units[pair.b] == "m"
+        and not (pair.stated and pair.interval[0] <= pair.stated <= pair.interval[1])
     ]
     noise, uneven = _batch_noise(problem, batch, seed or 0)
     findings = (*lengths, *map(noise_finding, noise))
@@ -134,10 +136,6 @@ def _correlation_finding(pair: CorrelatedPair) -> Finding:
     effect = CorrelatedLengths(lengths=(pair.a, pair.b), rho=pair.correlation)
     size = {"correlation": (pair.correlation, (pair.interval[1] - pair.interval[0]) / 3.92, "1")}
     return Finding(effect, size, pair.p_value, 0.0)
-
-
-def _as_stated(stated: float, interval: tuple[float, float]) -> bool:
-    return stated != 0 and interval[0] <= stated <= interval[1]
 
 
 def _batch_noise(

@@ -14,8 +14,7 @@ import posture_opt as po
 from posture_opt.cli import deferred
 from posture_opt.cli.completion import PATH, PROBLEM
 from posture_opt.cli.options import Common, common_options, problem_options, task_options
-from posture_opt.cli.output import output, save_result, show_result
-from posture_opt.cli.progress import print_rate, progress_bar
+from posture_opt.cli.output import output, print_rate, progress_bar, save_result, show_result
 from posture_opt.cli.scheduler import checkpoint_option, digest_of, digest_of_file, scheduler_option, working
 from posture_opt.errors import InputError, Issue
 from posture_opt.files import is_there, preset_names

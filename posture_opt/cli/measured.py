@@ -17,8 +17,7 @@ import posture_opt as po
 from posture_opt.cli import deferred
 from posture_opt.cli.completion import PATH
 from posture_opt.cli.options import Command, Common, add_options, common_options, problem_options
-from posture_opt.cli.output import OUT, output, save_result, show_result, write_text
-from posture_opt.cli.progress import progress_bar
+from posture_opt.cli.output import OUT, output, progress_bar, save_result, show_result, write_text
 from posture_opt.errors import InputError, InsufficientDataError, Issue
 from posture_opt.files import content, is_file
 from posture_opt.limits import MAX_YAML_BYTES

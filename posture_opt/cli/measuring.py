@@ -13,8 +13,7 @@ import posture_opt as po
 from posture_opt.cli import deferred
 from posture_opt.cli.completion import PATH
 from posture_opt.cli.options import Common, common_options, debug_option, problem_options, task_options
-from posture_opt.cli.output import output, save_result, show_result, write_text
-from posture_opt.cli.progress import progress_bar
+from posture_opt.cli.output import output, progress_bar, save_result, show_result, write_text
 from posture_opt.cli.robot_programs import ProgramRequest, program_options
 from posture_opt.cli.scheduler import scheduler_option, working
 from posture_opt.errors import BadValueError, InputError, Issue

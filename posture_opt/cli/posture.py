@@ -12,8 +12,7 @@ import posture_opt as po
 from posture_opt.cli import deferred
 from posture_opt.cli.completion import PATH
 from posture_opt.cli.options import Common, common_options, debug_option, posture_option, problem_options, task_options
-from posture_opt.cli.output import output, save_result, show, show_result
-from posture_opt.cli.progress import progress_bar
+from posture_opt.cli.output import output, progress_bar, save_result, show, show_result
 from posture_opt.errors import NoSolutionError
 
 if TYPE_CHECKING:

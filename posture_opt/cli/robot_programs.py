@@ -22,8 +22,7 @@ from posture_opt.cli.options import (
     problem_options,
     task_options,
 )
-from posture_opt.cli.output import OUT, output, save_result, show, show_result
-from posture_opt.cli.progress import progress_bar
+from posture_opt.cli.output import OUT, output, progress_bar, save_result, show, show_result
 from posture_opt.export import ARM_FORMATS, PROGRAM_FORMATS
 from posture_opt.output import write_folder
 

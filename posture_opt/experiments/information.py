@@ -22,9 +22,8 @@ from posture_opt.calibration.assumptions.instrument import (
     reading_sigmas,
     usable_share,
 )
-from posture_opt.calibration.estimation.fit import Fit, estimate_parameters
+from posture_opt.calibration.estimation.fit import estimate_parameters
 from posture_opt.calibration.estimation.fit_setup import (
-    FitSetup,
     determine_directions,
     full_prior,
     prior_tolerances,
@@ -169,7 +168,9 @@ def measurement_model(
     robot, further = problem.robot, further_sigmas(problem)
     if given is not None and given.position is None:  # at the places that a fit to the given rows finds
         residuals, notes = arm_and_data(problem, given)
-        found, known = _fitted(problem, residuals, fit_frames(residuals))
+        x = fit_frames(residuals)
+        known = determine_directions(problem, residuals, x, held_length(residuals), priors=True)
+        found = estimate_parameters(residuals, x, known.directions, known.prior, weight=known.noise)
         widths = widths_of_data(found, known.widths) if len(known.widths.own) else known.widths
         parameters = zip(residuals.parameters, found.x, strict=True)
         at = {p.name: float(v) for p, v in parameters if p.group in OF_PLACES}
@@ -183,12 +184,6 @@ def measurement_model(
     parameters_of_arm = unknown_parameters(problem, data)
     residuals = Residuals.of(problem.arm, data, parameters_of_arm, sigma or DEFAULT_SIGMA_M, further)
     return MeasurementModel(residuals, problem, repeats), assumed
-
-
-def _fitted(problem: ProblemData, residuals: Residuals, x: Array) -> tuple[Fit, FitSetup]:
-    """The arm fitted to given rows from the deviations x (k,), with what is known of it."""
-    known = determine_directions(problem, residuals, x, held_length(residuals), priors=True)
-    return estimate_parameters(residuals, x, known.directions, known.prior, weight=known.noise), known
 
 
 def repeat_variance(problem: ProblemData, sigma: float, q: Array) -> float:

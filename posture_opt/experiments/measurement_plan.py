@@ -123,7 +123,10 @@ class MeasurementPlan(Result):
         mounting = self.workspace.scene.mounting_statement(self.q)
         floor = (state("experiments.table-unstated"),) * (not self.keeps_height)
         surface = (*((mounting,) if mounting else ()), *floor)
-        return (_worth(self), *surface, *_task_error(self), *tour_statements(self), *self.remarks, *_open(self))
+        undetermined = (state("experiments.inseparable", what=what) for what in self.undetermined)
+        slowly = state("experiments.run-slowly")
+        answer = _worth(self), *surface, *_task_error(self)
+        return (*answer, *tour_statements(self), *self.remarks, slowly, *undetermined)
 
     @property
     def listed(self) -> list[int]:
@@ -267,9 +270,3 @@ def tour_statements(plan: MeasurementPlan) -> Iterator[Statement]:
             yield state("experiments.one-sided", joints=joints)
     if plan.second:
         yield state("experiments.second-arm")
-
-
-def _open(plan: MeasurementPlan) -> Iterator[Statement]:
-    yield state("experiments.run-slowly")
-    for what in plan.undetermined:
-        yield state("experiments.inseparable", what=what)

@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Protocol
 import casadi as ca
 import numpy as np
 
-from posture_opt.model.arm_state import ActingEffects, Inputs, MeasuredRange, Weighted
+from posture_opt.model.acting_effects import ActingEffects, MeasuredRange, Weighted
+from posture_opt.model.arm_state import Inputs
 from posture_opt.model.chain import (
     ZERO,
     Scalar,

@@ -64,7 +64,7 @@ class BatchFunction:
         self._row = row_function(function, _ROW_NAME)
         self._names = [function.name_in(i) for i in range(function.n_in())]
         self._sizes = [function.numel_in(i) for i in range(function.n_in())]
-        self._shapes = [_output_shape(function, i) for i in range(function.n_out())]
+        self._shapes = [(r,) if c == 1 else (r, c) for r, c in map(function.size_out, range(function.n_out()))]
         library, reason = library_of(compiled, self._row.serialize, lambda: c_text([self._row]) + _BATCH_LOOP_C)
         self.reason: str = reason
         self.compiled: bool = library is not None
@@ -225,12 +225,6 @@ def library_of(
         if wanted:
             raise InputError(Issue(f"nothing compiled: {error}", hint="install a C compiler or set CC")) from error
         return None, str(error)
-
-
-def _output_shape(function: casadi.Function, i: int) -> tuple[int, ...]:
-    """(r,) of a vector output, (r, c) of a matrix."""
-    rows, columns = function.size_out(i)
-    return (rows,) if columns == 1 else (rows, columns)
 
 
 class LaneFunction:

@@ -313,7 +313,7 @@ def _of_mapping(text: str, node: yaml.MappingNode, before: Section, after: Mappi
             yield _Edit(node.start_mark.index, _end(text, node), dump_flow(dict(after)))
             return
         else:
-            yield _Edit(_line_start(text, name.start_mark.index), _line_end(text, _end(text, child)), "")
+            yield _Edit(text.rfind("\n", 0, name.start_mark.index) + 1, _line_end(text, _end(text, child)), "")
     new = {key: value for key, value in after.items() if key not in children}
     if not new:
         return
@@ -332,10 +332,6 @@ def _end(text: str, node: yaml.Node) -> int:
         last = node.value[-1]
         return _end(text, last[1] if isinstance(last, tuple) else last)
     return int(node.end_mark.index)
-
-
-def _line_start(text: str, at: int) -> int:
-    return text.rfind("\n", 0, at) + 1
 
 
 def _line_end(text: str, at: int) -> int:

@@ -62,7 +62,9 @@ def beside_bodies(nominal: Robot, values: Mapping[str, float]) -> dict[str, floa
     """The same motion from frames that stand near the nominal ones, where ``values`` [rad or m] put one farther away
     than a tenth of the arm's length, which no error of a body is; else ``values``."""
     links = [factor for link in nominal.links for factor in link]
-    far = [f.parameter for f in links if f.kind == "translate" and abs(values.get(f.parameter, 0.0)) > 0.1 * nominal.length]
+    far = [
+        f.parameter for f in links if f.kind == "translate" and abs(values.get(f.parameter, 0.0)) > 0.1 * nominal.length
+    ]
     if not far:
         return dict(values)
     moved = (replace(f, nominal=f.nominal + values.get(f.parameter, 0.0)) for f in links)

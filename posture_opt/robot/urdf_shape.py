@@ -120,20 +120,17 @@ def _axial_capsule(collision: Collision, radius: float, length: float) -> Capsul
 def _fitted_body(collision: Collision, file: Path) -> tuple[Capsule, ...]:
     """Capsules about a box, a cylinder or a mesh in its own frame."""
     if collision.kind != "mesh":
-        return _fitted_solid(collision.kind, collision.size)
+        return _fitted(collision.kind, collision.size)
     path = located_mesh(collision.file, file)
     status = path.stat()
-    return _fitted_mesh(path, collision.size, status.st_mtime_ns, status.st_size)
+    return _fitted(path, collision.size, status.st_mtime_ns, status.st_size)
 
 
-@lru_cache(maxsize=256)
-def _fitted_solid(kind: str, size: tuple[float, ...]) -> tuple[Capsule, ...]:
-    return tuple(fitted_capsules(_body_edges(kind, size), BASE))
-
-
-@lru_cache(maxsize=256)
-def _fitted_mesh(path: Path, scale: tuple[float, ...], _changed: int, _size: int) -> tuple[Capsule, ...]:
-    return tuple(fitted_capsules(read_mesh(path, scale), BASE))
+@lru_cache(maxsize=512)
+def _fitted(body: str | Path, size: tuple[float, ...], *_version: int) -> tuple[Capsule, ...]:
+    """Capsules about a body of a kind, or about the mesh of a file, kept for each version of the file."""
+    edges = read_mesh(body, size) if isinstance(body, Path) else _body_edges(body, size)
+    return tuple(fitted_capsules(edges, BASE))
 
 
 def read_mesh(path: Path, scale: tuple[float, ...]) -> Edges:

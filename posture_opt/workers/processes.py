@@ -1,4 +1,4 @@
-"""``ProcessWorkers``: processes of this machine, which never outlive the one that started them.
+"""``ExecutorWorkers``: any executor. ``ProcessWorkers``: processes that never outlive the one that started them.
 
 Those of `concurrent.futures` outlive a parent that is killed, and break as a whole when one of them is killed.
 """
@@ -14,13 +14,17 @@ import threading
 import traceback
 from collections import deque
 from collections.abc import Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Future
+from concurrent.futures import Executor as FuturesExecutor
+from concurrent.futures import wait as wait_for
 from dataclasses import dataclass
+from itertools import islice
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 
 from posture_opt.errors import InputError, Issue
 from posture_opt.interrupts import undisturbed
-from posture_opt.workers import Part, R, S, T, Workers, worked
+from posture_opt.workers.workers import MAX_SUBMITTED_PARTS, Part, R, S, T, Workers, worked
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,3 +137,28 @@ def _end_with_parent(parent: int) -> None:
     parent_process = multiprocessing.parent_process()
     if parent_process is not None:
         threading.Thread(target=lambda: (wait([parent_process.sentinel]), os._exit(1)), daemon=True).start()
+
+
+class ExecutorWorkers(Workers):
+    """Works on parts wherever an executor sends them; it is not shut down."""
+
+    def __init__(self, executor: FuturesExecutor) -> None:
+        self._executor = executor
+
+    def run(self, part: Part[S, T, R], shared: S, items: Sequence[T]) -> Iterator[tuple[int, R]]:
+        """As of `Workers`."""
+        numbers, running = iter(range(len(items))), dict[Future[R], int]()
+        try:
+            while True:
+                for k in islice(numbers, MAX_SUBMITTED_PARTS - len(running)):
+                    running[self._executor.submit(worked, part, shared, items[k])] = k
+                if not running:
+                    return
+                for future in wait_for(running, return_when=FIRST_COMPLETED).done:
+                    yield running.pop(future), future.result()
+        except (BrokenExecutor, CancelledError) as error:
+            hint = "start it again; what a --checkpoint holds is not lost"
+            raise InputError(Issue(f"the executor lost its workers ({type(error).__name__})", hint=hint)) from error
+        finally:
+            for future in running:
+                future.cancel()
