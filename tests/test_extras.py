@@ -15,7 +15,7 @@ import pytest
 
 import posture_opt as po
 from posture_opt.report.page.page import plotly_js
-from posture_opt.robot.meshes import read_mesh
+from posture_opt.robot.urdf_shape import read_mesh
 from tests.helpers.fresh import ROOT
 
 TEXT = (ROOT / "pyproject.toml").read_text(encoding="utf-8")

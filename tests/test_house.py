@@ -55,6 +55,7 @@ LAZY = {
     "posture_opt.measurements.board_detection": "OpenCV, when pictures are searched",
     "posture_opt.model.effects": "an effect, when its kind is asked for",
     "posture_opt.problem.fitting": "how a calibration becomes an arm, when one is taken over",
+    "posture_opt.robot.urdf": "how a URDF becomes an arm, when one is given",
     "posture_opt.selection.tasks": "a task, when its kind is asked for",
     "posture_opt.selection.registered_tasks": "what other packages register",
     "posture_opt.selection.select_posture": "what several targets need, when there are several",

@@ -218,7 +218,11 @@ def calibrate_batch(
     own errors make of it (:func:`posture_opt.batch.batch_covariance.covariance_between_robots`).
 
     Args:
+        problem: the type's arm, with the instrument.
+        data: the measurements, of at least three robots.
+        folds, by: of the cross-validation, as in `calibrate`.
         most_rows: data with more are thinned to so many, as many of each robot, see `thin`.
+        progress: receives (done, total) robots.
 
     Returns:
         ``Batch``: a calibration of each robot, and σ's and correlations of the type [m, rad]; ``save(folder)``

@@ -99,6 +99,8 @@ def diagnose_batch(
     named ``correlated_lengths``; noise is judged over the residuals of all robots.
 
     Args:
+        problem, data, folds, by, progress: as of `calibrate_batch`.
+        seed: of the null distribution; 0 by default.
         most_rows: data with more are thinned to so many, as many of each robot, see `thin`.
 
     Returns:

@@ -88,9 +88,15 @@ def calibrate(
     workspace, or the place that it touched).
 
     Args:
+        problem: the arm, with its free frames and σ's, and the instrument.
+        data: the measurements, of one robot.
         priors: whether stated σ's of parameters count as knowledge.
+        folds: number of folds of the cross-validation, at least 2.
+        by: what a fold holds out together, ``pose``, ``block``, ``place`` or ``stretch``; default: by the data.
         test: other measurements, predicted with nothing refitted, or with base and tool if ``refit_frames``.
-        plan: whether report and document plan the task again with the arm that was found; ``seed`` of that search.
+        refit_frames: whether base and tool are fitted to ``test``.
+        plan: whether report and document plan the task again with the arm that was found.
+        seed: of that search; default: the problem's.
         most_rows: data with more are thinned to so many, see `thin`, and to 600 000 rows times joints; those left out
             judge the result, `LargeFile`.
         progress: receives (done, total) after each fit.

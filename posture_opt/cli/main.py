@@ -92,23 +92,23 @@ def discard(stream: TextIO | None) -> None:
 
 COMMANDS = {
     # name -> one line for --help
-    "batch": "The postures of many problem files, in one report.",
+    "batch": "Select postures for many problem files, in one report.",
     "calibrate": "Estimate the parameters of the arm from measurements.",
-    "compensate": "Joint values that bring this arm, with its errors, to targets.",
+    "compensate": "Compute joint values that bring this arm, with its errors, to targets.",
     "completion": "Print a script that completes words in bash, zsh or fish.",
-    "compare": "The same task with two arms, or with two models of one arm.",
-    "detect": "Find the points of a board in pictures, as a table of measurements.",
+    "compare": "Compare two arms, or two models of one arm, on one task.",
+    "detect": "Detect a board in pictures and write a table of measurements.",
     "diagnose": "Identify the causes of the remaining errors from measurements.",
-    "explore": "Drag the target on a live page, and the best posture follows.",
-    "export": "The arm, its covariance as code, or its posture as a robot program.",
+    "explore": "Drag the target on a live page; the best posture follows.",
+    "export": "Export the arm, its covariance as code, or a robot program.",
     "list": "List tasks, effects, presets, solvers, terms, exports and built-in problems.",
-    "map": "The best posture and its spread over a grid of targets.",
+    "map": "Map the best posture and its spread over a grid of targets.",
     "new": "Print a commented problem file to start from.",
     "plan-measurements": "Select the most informative postures to measure next.",
-    "recheck": "What changed on a calibrated arm, from a few new measurements.",
+    "recheck": "Find what changed on a calibrated arm, from a few new measurements.",
     "schema": "Print the JSON Schema of the problem file.",
-    "simulate": "Monte Carlo simulation of the tool point at one posture, against the closed form.",
-    "uncertainty": "Covariance, ellipse, coverage regions and error budget at one posture.",
+    "simulate": "Simulate the tool point at one posture and compare it with the closed form.",
+    "uncertainty": "Compute covariance, ellipse, coverage regions and error budget at one posture.",
 }
 _FILES = {
     # file -> the commands in it; `plan-measurements` is its function `plan_measurements_command`
@@ -195,6 +195,11 @@ class PostureCommands(click.Group):
                 self.invoke(ctx)
         except click.exceptions.Exit as leaving:
             return leaving.exit_code
+        except click.NoSuchOption as error:  # two dashes alone are no likeness
+            near = nearest(error.option_name.lstrip("-"), [name.lstrip("-") for name in error.possibilities or ()])
+            raise click.NoSuchOption(
+                error.option_name, possibilities=[f"--{near}"] * bool(near), ctx=error.ctx
+            ) from None
         return 0
 
 

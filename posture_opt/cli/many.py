@@ -30,10 +30,10 @@ if TYPE_CHECKING:
 @checkpoint_option
 @common_options
 def batch_command(common: Common, files: Sequence[str], scheduler: str | None, checkpoint: Path | None) -> None:
-    """The postures of many problem files, in one report.
+    """Select postures for many problem files, in one report.
 
-    A file that cannot be read, or has no solution, has a row that says why, and the others their answers. The exit
-    code is then the least of those that the files have alone: 2 before 3.
+    If a file cannot be read or has no solution, its row says why, and the others are still solved. The exit code is
+    the smallest one of these files: 2 (bad input) before 3 (no solution).
     """
     if len(set(files)) < len(files):
         twice = next(name for name in files if files.count(name) > 1)
@@ -68,11 +68,10 @@ def batch_command(common: Common, files: Sequence[str], scheduler: str | None, c
 @task_options
 @common_options
 def compare_command(common: Common, problems: Sequence[str], **given: str | None) -> None:
-    """The task of the first problem file with the arm of each: postures, spread, probability of success.
+    """Solve the task of the first problem file with the arm of each file.
 
-    The files state two arms, or two states of knowledge of one arm, as before and after a calibration; a preset stands
-    for its arm. Options of the task hold for all. Where the joints are the same, each posture is also judged by the
-    other arm: where that one would land with it.
+    The files state different arms, or one arm before and after calibration. A preset stands for its arm. Options of the
+    task hold for all. If the joints are the same, the report also predicts each posture's error with the other arms.
     """
     if len(problems) < 2:
         raise click.UsageError("Name two problem files, for example: compare before.yaml after.yaml")
@@ -94,17 +93,19 @@ def compare_command(common: Common, problems: Sequence[str], **given: str | None
 
 
 @click.command("map")
-@problem_options
-@task_options
 @click.option(
     "--quantity", type=click.Choice(["spread", "accuracy"]), default="spread", show_default=True,
-    help="The task's spread, or mean error and spread of the arm with the corrections of a calibration.",
+    help="Spread at the task, or mean error and spread of a calibrated arm.",
 )  # fmt: skip
 @click.option("--data", type=PATH, metavar="DATA.csv", help="Measurements to compare with the predicted accuracy.")
-@click.option("--grid", metavar="NxM", help="Targets along the plane's sides, 15x15, or along x, y, z, 9x9x1.")
+@click.option("--grid", metavar="NxM", help="Number of targets: 15x15 in the plane, or 9x9x1 along x, y, z.")
 @click.option("--min", "low", metavar="TEXT", help='Lower corner of the box of targets: "0.3 m, -0.2 m, 0.1 m".')
 @click.option("--max", "high", metavar="TEXT", help="Its upper corner.")
-@click.option("--plane", type=click.Choice(["xy", "xz", "yz"]), help="Plane of the map; else across the direction.")
+@click.option(
+    "--plane", type=click.Choice(["xy", "xz", "yz"]), help="Plane of the map.  [default: across the direction]"
+)
+@problem_options
+@task_options
 @scheduler_option
 @checkpoint_option
 @common_options
@@ -112,7 +113,7 @@ def map_command(
     common: Common, quantity: str, data: Path | None, grid: str | None, low: str | None, high: str | None,
     plane: Literal["xy", "xz", "yz"] | None, scheduler: str | None, checkpoint: Path | None, **given: str | None,
 ) -> None:  # fmt: skip
-    """The best posture and its spread, or the arm's accuracy, over a grid of targets."""
+    """Map the best posture and its spread, or the arm's accuracy, over a grid of targets."""
     if data is not None and quantity != "accuracy":
         raise click.UsageError("--data goes with --quantity accuracy.")
     where = {**_where(grid, low, high), "plane": plane, "seed": common.seed}

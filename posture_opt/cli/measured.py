@@ -57,25 +57,24 @@ def measured_options(command: Command) -> Command:
         session = Session(data, test, deferred.quantities.columns_of(column), of_one, of_any)
         return command(*args, session=session, **others)
 
-    own = add_options(
+    return add_options(
         with_session,
         click.argument("data", type=PATH, metavar="DATA.csv"),
         click.option("--test", type=PATH, metavar="OTHER.csv",
                      help="Measurements of another session, used as a test set."),
         click.option("--refit-frames", is_flag=True, help="Refit base and tool to the test file."),
         click.option("--by", type=click.Choice(["pose", "block", "place", "stretch"]),
-                     help="What cross-validation holds out together: a pose, a block of the workspace, a touched "
+                     help="Held out together in cross-validation: a pose, a block of the workspace, a touched "
                      "point, a stretch of a path."),
         click.option("--folds", type=click.IntRange(min=2), default=5, show_default=True,
-                     help="Of the cross-validation."),
-        click.option("--column", "column", metavar="NAME=HEAD", multiple=True,
-                     help='What a column of a foreign file is: --column "x=Pos X [mm]", or its number: x=7.'),
+                     help="Folds of the cross-validation."),
+        click.option("--column", "column", metavar="NAME=HEADER", multiple=True,
+                     help='Map a column by header, --column "x=Pos X [mm]", or by number, --column x=7.'),
         click.option("--rows", type=click.IntRange(min=1),
-                     help="Thin larger files evenly to so many rows; the others judge the result.  "
+                     help="Thin larger files evenly to this many rows; the others test the result.  "
                      "[default: 100000 to calibrate, 4000 to diagnose]"),
         click.option("--no-plan", is_flag=True, help="Do not re-plan the task with the identified arm."),
     )  # fmt: skip
-    return problem_options(own)
 
 
 def answer(
@@ -135,9 +134,10 @@ def _write_starter(path: Path, text: str) -> None:
 @click.command("calibrate")
 @measured_options
 @click.option("--no-priors", is_flag=True, help="Do not use the σ's of the problem file as priors.")
+@problem_options
 @common_options
 def calibrate_command(common: Common, session: Session, no_priors: bool, **given: str | None) -> None:
-    """What the simulation gets wrong, and the parameters of the arm that the measurements determine."""
+    """Estimate every parameter of the arm that the measurements determine, with its standard error."""
     one = partial(po.calibrate, priors=not no_priors)
     answer(common, session, given, "calibrating", one, po.calibrate_batch)
 
@@ -145,9 +145,10 @@ def calibrate_command(common: Common, session: Session, no_priors: bool, **given
 @click.command("diagnose")
 @measured_options
 @click.option("--with-time", is_flag=True, help="Keep effects of time in extended.yaml; the task's 'time' says when.")
+@problem_options
 @common_options
 def diagnose_command(common: Common, session: Session, with_time: bool, **given: str | None) -> None:
-    """What the simulation gets wrong, why, and how much better it is once the cause is part of the model."""
+    """Identify what the model of the arm gets wrong, with sizes, and how much better it predicts afterwards."""
 
     def one(problem: po.Problem, data: po.Measurements, **keywords: Any) -> Result:
         try:
@@ -161,18 +162,15 @@ def diagnose_command(common: Common, session: Session, with_time: bool, **given:
 
 @click.command("recheck")
 @click.argument("data", type=PATH, metavar="NEW.csv")
+@click.option("--update", is_flag=True, help="Write rechecked.yaml, the file with this one change, into --out or here.")
 @problem_options
-@click.option(
-    "--update", is_flag=True, help="Write rechecked.yaml, the file with only that changed, into --out or here."
-)
 @common_options
 def recheck_command(common: Common, data: Path, update: bool, **given: str | None) -> None:
-    """Whether the arm is still the one that was calibrated, and if not, what changed.
+    """Find what changed on a calibrated arm, from a few new measurements.
 
-    NEW.csv has 5 to 30 new postures ('plan-measurements --for recheck' chooses ten), the problem file the calibrated
-    arm with its covariance: calibrated.yaml or extended.yaml. The answer is one of: unchanged; one thing changed
-    (tool, base, the zero of a joint, a link, backlash or compliance of a joint), with its size and its rivals; more
-    than one thing.
+    NEW.csv has 5 to 30 new postures; 'plan-measurements --for recheck' chooses ten. The problem file has the
+    calibrated arm with its covariance: calibrated.yaml or extended.yaml. The verdict is unchanged, changed (tool, base,
+    the zero of a joint, a link, backlash or compliance of a joint, with its size and rivals), several, or unclear.
     """
     problem = deferred.request.requested_problem(**given)
     with output(common), deferred.request.placed(problem):

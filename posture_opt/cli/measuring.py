@@ -25,8 +25,6 @@ if TYPE_CHECKING:
 
 
 @click.command("plan-measurements")
-@problem_options
-@task_options
 @click.option(
     "--count", "--poses", "count", type=click.IntRange(min=1, max=MOST_PLANNED.most),
     help="Postures to measure.  [default: 30; 10 for a recheck]",
@@ -38,11 +36,11 @@ if TYPE_CHECKING:
     type=click.Choice(["parameters", "task", "recheck"]),
     default="parameters",
     show_default=True,
-    help="All parameters of the arm, the tool point at the task's posture, or what changed on a calibrated arm.",
+    help="Inform about all parameters, the tool point at the task's posture, or changes of a calibrated arm.",
 )
 @click.option(
     "--candidates", type=click.IntRange(min=10, max=MOST_CANDIDATES.most), default=2000, show_default=True,
-    help="Random postures to choose from.",
+    help="Number of random postures to choose from.",
 )  # fmt: skip
 @click.option("--repeats", type=click.IntRange(min=1), default=1, show_default=True, help="Repeats of each posture.")
 @click.option("--min", "low", metavar="TEXT", help='Lower corner of where the tool point may go: "0.3 m, -0.2 m, 0 m".')
@@ -50,6 +48,8 @@ if TYPE_CHECKING:
     "--max", "high", metavar="TEXT", help="Its upper corner, for example the field of view of the instrument."
 )
 @program_options(2.0)
+@problem_options
+@task_options
 @scheduler_option
 @common_options
 def plan_measurements_command(
@@ -57,7 +57,7 @@ def plan_measurements_command(
     repeats: int, low: str | None, high: str | None, motion: ProgramRequest, scheduler: str | None,
     **given: str | None,
 ) -> None:  # fmt: skip
-    """Which postures to measure next: the most informative about the arm, or about its task."""
+    """Select the most informative postures to measure next, for the arm or for its task."""
     problem, box = deferred.request.requested_problem(**given), _box(low, high)
     height = None if link_height is None else deferred.quantities.quantity_of("--link-height", link_height)
     with output(common), deferred.request.placed(problem):
@@ -91,24 +91,26 @@ def _box(low: str | None, high: str | None) -> tuple[tuple[float, ...], tuple[fl
     "--board", required=True, metavar="TEXT", help="charuco:5x7:30mm:22mm, chessboard:8x6:25mm, grid:8x6:25mm"
 )
 @click.option("--joints", type=PATH, metavar="CSV", help="Posture of every picture; default: joints.csv beside them.")
-@click.option("--camera", default="camera", show_default=True, metavar="NAME", help="Its name in the table.")
-@click.option("--name", default="board", show_default=True, metavar="NAME", help="Of the board in the table.")
-@click.option("--dictionary", default="5X5_1000", show_default=True, metavar="NAME", help="Of the marks of ChArUco.")
+@click.option("--camera", default="camera", show_default=True, metavar="NAME", help="Name of the camera in the table.")
+@click.option("--name", default="board", show_default=True, metavar="NAME", help="Name of the board in the table.")
+@click.option(
+    "--dictionary", default="5X5_1000", show_default=True, metavar="NAME", help="Dictionary of the ChArUco marks."
+)
 @click.option("--out", type=PATH, metavar="FILE", help="Write the table to a file.")
 @debug_option
 def detect_command(
     images: tuple[Path, ...], board: str, joints: Path | None, camera: str, name: str, dictionary: str,
     out: Path | None,
 ) -> None:  # fmt: skip
-    """A table of measurements from pictures of a board: pixels of its points, with the joints of every picture.
+    """Detect a board in pictures and write a table: pixels of its points, and the joints of each picture.
 
     \b
     --board charuco:5x7:30mm:22mm    squares in a row x in a column, side of a square, side of a mark
     --board chessboard:8x6:25mm      inner corners in a row x in a column, side of a square
     --board grid:8x6:25mm            circles in a row x in a column, their distance
 
-    joints.csv has a column 'image' with the names of the pictures, and the columns of the joints with their units.
-    OpenCV finds the points: pip install 'posture_opt[camera]'.
+    joints.csv has a column 'image' with the names of the pictures, and columns of the joints with units. This needs
+    OpenCV: pip install 'posture_opt[camera]'.
     """
     detection = deferred.board_detection
     try:

@@ -13,6 +13,7 @@ import click
 from posture_opt.cli.completion import PATH, PROBLEM, ROBOT, TASK
 
 Command = Callable[..., Any]
+POSTURE_HELP = '"90 deg, -180 deg" in order, or "joint1=90 deg, joint2=-180 deg" by name.'
 FRAME_HELP = '"0, 0, 150 mm" or, with roll, pitch, yaw, "0, 0, 150 mm, 0, 0, 90 deg".'
 
 
@@ -44,7 +45,7 @@ def common_options(command: Command) -> Command:
         click.option("--json", is_flag=True, help="Print the JSON document and nothing else."),
         click.option("--seed", type=click.IntRange(min=0), help="Random seed; the same seed gives the same result."),
         click.option("--workers", type=click.IntRange(min=1), default=1, show_default=True, help="Processes to use."),
-        click.option("--full", is_flag=True, help="Print the whole report, not only one screen of it."),
+        click.option("--full", is_flag=True, help="Print the whole report."),
         click.option("--quiet", is_flag=True, help="Print no report and no progress."),
         click.option("--no-plots", is_flag=True, help="Draw no figures into --out."),
         click.option("--debug", is_flag=True, expose_value=False, help="Show the traceback of an error."),
@@ -67,7 +68,7 @@ def problem_options(command: Command) -> Command:
         click.option("--base-link", metavar="LINK", help="First link of the chain in the URDF file."),
         click.option("--tip-link", metavar="LINK", help="Last link of the chain in the URDF file."),
         click.option("--tool", metavar="TEXT", help=f"Tool point in the flange: {FRAME_HELP}"),
-        click.option("--base", metavar="TEXT", help="Base of the robot in the world, as --tool."),
+        click.option("--base", metavar="TEXT", help="Base of the robot in the world, written as --tool."),
         click.option("--payload", metavar="TEXT", help='Mass at the tool point: "1.2 kg".'),
         click.option(
             "--sigma",
@@ -86,19 +87,20 @@ def task_options(command: Command) -> Command:
         click.option("--region", metavar="TEXT", help='Target in a box: "0.5 m, 0 m, 0.2 m to 0.7 m, 0 m, 0.2 m".'),
         click.option("--direction", metavar="TEXT", help='Task direction in the world frame: "0, 0, -1".'),
         click.option(
-            "--tool-axis", metavar="TEXT", help='Axis of the tool along it, tool frame.  [default: "0, 0, 1"]'
+            "--tool-axis", metavar="TEXT", help='Tool axis held along the direction, tool frame.  [default: "0, 0, 1"]'
         ),
-        click.option("--tilt", metavar="TEXT", help='By how much that axis may lean from it: "5 deg".'),
+        click.option("--tilt", metavar="TEXT", help='Largest angle between both: "5 deg".'),
         click.option("--clearance", metavar="TEXT", help='Radial play of the hole: "0.2 mm".'),
-        click.option("--limit-margin", metavar="TEXT", help='Keep joints so far from their limits: "5 deg".'),
-        click.option("--link-height", metavar="TEXT", help='Keep all links at least this high in the world: "50 mm".'),
+        click.option("--limit-margin", metavar="TEXT", help='Smallest distance of joints from their limits: "5 deg".'),
+        click.option("--link-height", metavar="TEXT", help='Smallest height of all links in the world: "50 mm".'),
     )
 
 
 def posture_option(command: Command) -> Command:
     """Adds the option that names a posture."""
-    help_text = 'Joint values in order, "90 deg, -180 deg", or by name, "joint1=90 deg, joint2=-180 deg".'
-    return add_options(command, click.option("--posture", metavar="TEXT", required=True, help=help_text))
+    return add_options(
+        command, click.option("--posture", metavar="TEXT", required=True, help=f"Joint values: {POSTURE_HELP}")
+    )
 
 
 def add_options(command: Command, *options: Callable[[Command], Command]) -> Command:

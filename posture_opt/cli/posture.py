@@ -41,11 +41,11 @@ def solve(common: Common, explain: bool, **given: str | None) -> None:
 
 
 @click.command("uncertainty")
-@problem_options
 @posture_option
+@problem_options
 @common_options
 def uncertainty_command(common: Common, posture: str, **given: str | None) -> None:
-    """Covariance, ellipse, coverage regions and error budget at one posture, in closed form."""
+    """Compute covariance, ellipse, coverage regions and error budget at one posture, in closed form."""
     problem = deferred.request.requested_problem(**given)
     values = deferred.quantities.requested_posture(posture, problem.robot)
     with output(common), deferred.request.placed(problem):
@@ -56,15 +56,15 @@ def uncertainty_command(common: Common, posture: str, **given: str | None) -> No
 
 
 @click.command("simulate")
-@problem_options
 @posture_option
 @click.option(
     "-n", "--samples", "n", type=click.IntRange(min=2), default=5000, show_default=True, help="Samples to draw."
 )
 @click.option("--adaptive", is_flag=True, help="Draw until the standard deviations are stable in two digits.")
+@problem_options
 @common_options
 def simulate_command(common: Common, posture: str, n: int, adaptive: bool, **given: str | None) -> None:
-    """Monte Carlo cloud of the tool point at one posture, beside the closed form."""
+    """Simulate the tool point at one posture (Monte Carlo) and compare it with the closed form."""
     problem = deferred.request.requested_problem(**given)
     values = deferred.quantities.requested_posture(posture, problem.robot)
     seed = problem.solver.seed if common.seed is None else common.seed
@@ -77,21 +77,22 @@ def simulate_command(common: Common, posture: str, n: int, adaptive: bool, **giv
 
 @click.command("explore")
 @click.argument("data", type=PATH, metavar="[DATA.csv]", required=False)
-@problem_options
-@task_options
 @click.option(
     "--host", default="127.0.0.1", show_default=True,
-    help="Address of this machine; 0.0.0.0: all of them, with a token.",
+    help="Address to serve; 0.0.0.0 serves other machines too, with a token.",
 )  # fmt: skip
 @click.option(
     "--port", type=click.IntRange(1, 65535), default=8080, show_default=True, help="Port, or the next one that is free."
 )
 @click.option("--no-browser", is_flag=True, help="Open no browser.")
+@problem_options
+@task_options
 @debug_option
 def explore_command(data: Path | None, host: str, port: int, no_browser: bool, **given: str | None) -> None:
-    """Drag the target on a live page, and the best posture follows. Ctrl-C ends it.
+    """Drag the target on a live page; the best posture follows. Ctrl-C ends it.
 
-    DATA.csv has measurements, whose errors the page shows; --problem can be the folder of a diagnosis or calibration.
+    The page shows the errors of the measurements in DATA.csv. --problem may be the folder of a diagnosis or
+    calibration.
     """
     problem = deferred.request.requested_problem(**given)
     with deferred.request.placed(problem):

@@ -13,7 +13,15 @@ import click
 import posture_opt as po
 from posture_opt.cli import deferred
 from posture_opt.cli.completion import PATH
-from posture_opt.cli.options import Command, Common, add_options, common_options, problem_options, task_options
+from posture_opt.cli.options import (
+    POSTURE_HELP,
+    Command,
+    Common,
+    add_options,
+    common_options,
+    problem_options,
+    task_options,
+)
 from posture_opt.cli.output import OUT, output, save_result, show, show_result
 from posture_opt.cli.progress import progress_bar
 from posture_opt.export import ARM_FORMATS, PROGRAM_FORMATS
@@ -52,11 +60,11 @@ def motion_options(wait: float) -> Callable[[Command], Command]:
             command,
             click.option(
                 "--speed", type=click.FloatRange(0, 100, min_open=True), default=10.0, show_default=True,
-                metavar="PERCENT", help="Of a robot program.",
+                metavar="PERCENT", help="Speed of a robot program.",
             ),
             click.option(
                 "--wait", type=click.FloatRange(min=0), default=wait, show_default=True, metavar="SECONDS",
-                help="At every stop of a robot program.",
+                help="Wait at every stop of a robot program.",
             ),
         )  # fmt: skip
 
@@ -67,7 +75,7 @@ def approach_option(command: Command) -> Command:
     """Adds ``--approach`` of programs whose stops touch something."""
     option = click.option(
         "--approach", metavar="LENGTH",
-        help="Come from that far in front of each stop on a line, and back; default: 50 mm where the task touches.",
+        help="Straight approach to each stop, and retract: \"30 mm\".  [default: 50 mm if the task touches]",
     )  # fmt: skip
     return add_options(command, option)
 
@@ -90,7 +98,7 @@ def program_options(wait: float, touching: bool = False) -> Callable[[Command], 
 
         option = click.option(
             "--program", type=click.Choice(list(PROGRAM_FORMATS)),
-            help="Write a robot program through the postures too.",
+            help="Also write a robot program through the postures.",
         )  # fmt: skip
         found = add_options(motion_options(wait)(with_motion), option)
         return approach_option(found) if touching else found
@@ -100,17 +108,16 @@ def program_options(wait: float, touching: bool = False) -> Callable[[Command], 
 
 @click.command("compensate")
 @click.argument("targets", type=PATH, metavar="TARGETS.csv")
-@problem_options
 @program_options(0.0, touching=True)
+@problem_options
 @common_options
 def compensate_command(common: Common, targets: Path, motion: ProgramRequest, **given: str | None) -> None:
-    """Joint values that bring the tool of this arm, with its corrections and effects, to the targets.
+    """Compute joint values that bring the tool of this arm, with its errors, to the targets.
 
-    TARGETS.csv has x, y, z with units, optionally qw, qx, qy, qz, and joint columns that say which posture to stay
-    near; or joint columns alone, which stand for where the nominal arm would be with them. Without joint columns the
-    tool axis, the tilt and the requirements of the task hold, near its posture; the cell is kept clear of either way.
-    JOINT.approach and payload count as in measurements. The answer, compensated.csv, has the rows of the targets in
-    their units.
+    TARGETS.csv has x, y, z with units, and optionally qw, qx, qy, qz. Joint columns beside them give the posture to
+    stay near. Joint columns alone mean the pose of the nominal arm. Without joint columns, the task's tool axis, tilt
+    and requirements hold, near its posture. The arm keeps clear of the cell either way. JOINT.approach and payload
+    count as in measurements. The answer, compensated.csv, has the rows of the targets in their units.
     """
     problem = deferred.request.requested_problem(**given)
     with output(common), deferred.request.placed(problem):
@@ -129,7 +136,7 @@ class ExportCommand(click.Command):
         """The help text: what the command does, and a line a format."""
         kinds = deferred.export_files.export_kinds()
         formats = "\n".join(f"{kind:<11} {listed.summary}" for kind, listed in kinds.items())
-        joints = "Joint values are those of the joints of the model, with its zeros and directions."
+        joints = "Joint values use the zeros and directions of the model."
         return f"{self._help}\n\n\b\n{formats}\n\n{joints}\n"
 
     @help.setter
@@ -138,20 +145,22 @@ class ExportCommand(click.Command):
 
 
 @click.command("export", cls=ExportCommand)
+@click.option(
+    "--to", type=click.Choice([*ARM_FORMATS, *PROGRAM_FORMATS]), required=True, help="The format, from the list above."
+)
+@click.option("--name", default="", metavar="NAME", help="Name of functions, programs and files.")
+@approach_option
+@click.option("--with-breaks", is_flag=True, help="Write a path in parts if the arm must leave it on the way.")
+@click.option("--posture", metavar="TEXT", help=f"Stop of a robot program: {POSTURE_HELP} [default: the best posture]")
+@motion_options(0.0)
 @problem_options
 @task_options
-@click.option("--to", type=click.Choice([*ARM_FORMATS, *PROGRAM_FORMATS]), required=True, help="The format: see below.")
-@click.option("--name", default="", metavar="NAME", help="Of functions, programs and files.")
-@approach_option
-@click.option("--with-breaks", is_flag=True, help="Write a path that the arm has to leave on its way in parts.")
-@click.option("--posture", metavar="TEXT", help="Stop of a robot program; default: the best posture, planned.")
-@motion_options(0.0)
 @common_options
 def export_command(
     common: Common, to: str, name: str, approach: str | None, posture: str | None, speed: float, wait: float,
     with_breaks: bool, **given: str | None,
 ) -> None:  # fmt: skip
-    """The arm, its covariance as code, or its posture as a robot program, in another format."""
+    """Export the arm, its covariance as code, or its best posture as a robot program."""
     problem = deferred.request.requested_problem(**given)
     distance = None if approach is None else deferred.quantities.distance_of("--approach", approach)
     q = None if posture is None else deferred.quantities.requested_posture(posture, problem.robot)

@@ -37,7 +37,7 @@ def scheduler_option(command: Command) -> Command:
 
 def checkpoint_option(command: Command) -> Command:
     """Adds the option that names a file for what is done."""
-    help_text = "Keep there what is done: the same command goes on where it was ended."
+    help_text = "Save finished work here; the same command continues an interrupted run."
     kind = PATH
     return add_options(command, click.option("--checkpoint", type=kind, metavar="FILE", help=help_text))
 

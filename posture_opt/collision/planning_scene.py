@@ -18,7 +18,7 @@ from posture_opt.collision.obstacles.sphere import Sphere
 from posture_opt.errors import InputError, Issue
 from posture_opt.files import content, located
 from posture_opt.numerics import Array
-from posture_opt.robot.urdf_chain import xyz_rpy
+from posture_opt.robot.robot import xyz_rpy
 from posture_opt.texts import one_line
 
 _SIZES = {"box": 3, "sphere": 1, "cylinder": 2, "cone": 2, "plane": 4}

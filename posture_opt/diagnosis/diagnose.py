@@ -88,9 +88,10 @@ def diagnose(
     explain of the rest; the null of all of them together comes from flipping the signs of whole poses.
 
     Args:
+        problem, data: the arm and its measurements, as of `calibrate`.
         folds, by: of the cross-validation, as in `calibrate`.
         flips: draws of the null; 299, and of thousands of rows, which need fewer, 99.
-        test: other measurements, predicted with nothing refitted, or with base and tool if ``refit_frames``.
+        test, refit_frames: other measurements, predicted with nothing refitted, or with base and tool.
         with_time: keep effects of time in the arm to plan with; the task's ``time`` says when it is done.
         plan: whether report and document plan the task again with the arm that was found.
         seed: of the null, 0 by default, and of that plan.

@@ -164,11 +164,10 @@ def _delivery(found: Diagnosis) -> Iterator[Statement]:
     """Which arm is delivered where it is not the one with all effects, and how well it explains these data."""
     delivery, effects = found.delivery, found.model.effects
     held, (rms, outliers) = Quantity(delivery.held.rms), found.delivered
-    none_kept = not delivery.kept and bool(effects)
-    if none_kept:
+    if not delivery.kept and effects:
         yield state(f"diagnosis.delivered-{'nominal' if delivery.nominal else 'calibrated'}", held=held)
     yield state("diagnosis.delivered-rms", rms=Quantity(rms), outliers=outliers)
-    if none_kept:
+    if delivery.nominal:
         return
     for reason, places in (
         ("which belongs to this session", delivery.session),

@@ -68,7 +68,10 @@ def plan_measurements(
     cell's obstacles; any two are 20° or 50 mm apart in some joint where there is room for it.
 
     Args:
+        problem: the arm with its uncertainty, the instrument, and the task if it is planned for.
+        count: number of postures, 1 to 200.
         given: measurements made already.
+        purpose: ``parameters``, ``task`` or ``recheck``.
         seed: of the candidates and starts; the same seed, the same plan; 0 by default.
         link_height: in place of the task's [m].
         within: lower and upper corner (3,) of where the tool point may go, world [m]: what the instrument sees, say.

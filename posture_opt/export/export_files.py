@@ -40,7 +40,8 @@ def export_files(
         to: one of `export_kinds`.
         name: of functions, programs and files; each format has one of its own.
         posture: (n,) the stop of a robot program [rad or m]; default: the answer to the problem, which is planned.
-        speed: of robot programs [percent]; wait: at every stop [s].
+        speed: of robot programs [percent].
+        wait: at every stop of a robot program [s].
         approach: distance [m] of a point in front of every stop, or of a path, and of one to retract to; None: 50 mm,
             or what part and clearance of the cell need, where the task touches its target.
         with_breaks: whether a path that the arm has to leave on its way is written in parts.

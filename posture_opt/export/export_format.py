@@ -11,9 +11,8 @@ from typing import Any, ClassVar
 
 from posture_opt.errors import InputError, Issue
 from posture_opt.export.robot_program import MotionRequest, RobotProgram, answer_programs
-from posture_opt.selection.answer.task_objective import task_objective
 from posture_opt.selection.problem_data import ProblemData
-from posture_opt.selection.select_posture import select_posture
+from posture_opt.selection.select_posture import select_posture, task_objective
 from posture_opt.spec import Spec
 
 

@@ -19,7 +19,7 @@ from posture_opt.errors import InputError, Issue
 from posture_opt.export.program_format import ProgramFormat, axes_of, seconds
 from posture_opt.export.robot_program import RobotProgram
 from posture_opt.numerics import Array
-from posture_opt.robot.urdf_chain import xyz_rpy
+from posture_opt.robot.robot import xyz_rpy
 from posture_opt.units import fixed
 
 # Key words, built-in types and the programs that this one calls.

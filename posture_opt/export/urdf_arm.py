@@ -20,8 +20,8 @@ from posture_opt import __version__
 from posture_opt.export.export_format import Exported, ExportFormat, ExportSource
 from posture_opt.model.chain import fixed_pose
 from posture_opt.numerics import Array
-from posture_opt.robot.robot import BASE, TOOL, Capsule, Factor, Joint, Robot, UrdfDescription
-from posture_opt.robot.urdf_chain import ChainSegment, segments_of, xyz_rpy
+from posture_opt.robot.robot import BASE, TOOL, Capsule, Factor, Joint, Robot, UrdfDescription, xyz_rpy
+from posture_opt.robot.urdf_chain import ChainSegment, segments_of
 from posture_opt.robot.urdf_reader import urdf_tree
 from posture_opt.robot.urdf_tree import UrdfTree
 from posture_opt.texts import one_line

@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Protocol
 import casadi as ca
 import numpy as np
 
-from posture_opt.model.acting_effects import ActingEffects, MeasuredRange, Weighted
-from posture_opt.model.arm_state import Inputs
+from posture_opt.model.arm_state import ActingEffects, Inputs, MeasuredRange, Weighted
 from posture_opt.model.chain import (
     ZERO,
     Scalar,
@@ -92,7 +91,11 @@ class Arm:
 
     @classmethod
     def from_problem(cls, problem: HasArm) -> Arm:
-        """The arm of a problem."""
+        """The arm of a problem.
+
+        Args:
+            problem: a ``Problem``, whose task states payload, temperature and sides of approach.
+        """
         return problem.arm
 
     def under(self, inputs: Inputs) -> Arm:

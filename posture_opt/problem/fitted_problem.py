@@ -32,6 +32,10 @@ def calibrated_problem(problem: Problem, calibration: Calibration) -> Problem:
     the tool point. The covariance is the estimate's, under the scatter of repeats that the calibration leaves; that
     scatter is added to it. :meth:`Problem.files` writes it as a complete problem file with its covariance next to it.
 
+    Args:
+        problem: the problem that was calibrated.
+        calibration: of its robot.
+
     Returns:
         ``Problem``: with corrections [m, rad] and their covariance; ``to_yaml()`` is its file.
 
@@ -56,6 +60,10 @@ def extended_problem(problem: Problem, diagnosis: Diagnosis) -> Problem:
 
     Effects that change with time are left out: they belong to the session that was measured. So is noise of the
     instrument or of the data; that of a joint is an effect of the arm.
+
+    Args:
+        problem: the problem that was diagnosed.
+        diagnosis: of its robot.
 
     Returns:
         ``Problem``: with corrections, effects and their covariance (SI units, radians); ``to_yaml()`` is its

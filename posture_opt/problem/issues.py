@@ -6,6 +6,7 @@ import copy
 import re
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
@@ -44,24 +45,32 @@ _EXPECTED_OF_TYPE: dict[str, str] = {
 
 def schema_issues(data: Section) -> list[Issue]:
     """Everything about the sections of a problem file that does not fit the schema; empty where all does."""
-    kinds: list[Issue] = []
+    found: list[Issue] = []
+    written: dict[KeyPath, str] = {}  # key as it was meant -> its last word as the file has it
     while True:
         try:
             read_sections(data)
-            return kinds
+            placed: list[_Placed] = []
         except ValidationError as error:
             placed = [_Placed(details, data) for details in error.errors(include_url=False)]
-        misspelt = [(one, meant) for one in placed if (meant := _meant_kind(one))]
-        if not misspelt:
-            causes = _without_misspelt(_without_rivals(placed), data)
-            issues = reversed([*kinds, *(_issue(one, data) for one in causes)])
+        # pydantic reads nothing of a section of unknown kind or name; read as it was meant it has more to say
+        kinds = [(one, meant) for one in placed if (meant := _meant_kind(one))]
+        causes = [one for one, _ in kinds] or _without_rivals(placed)
+        keys = {} if kinds else _meant_keys(causes, data)
+        for one in [one for one in causes if one.key in keys] or causes:
+            issue = _issue(one, data)
+            as_written = (written.get(issue.key[: n + 1], word) for n, word in enumerate(issue.key))
+            found.append(replace(issue, key=tuple(as_written)))
+        if not (kinds or keys):
             # The alternatives that pydantic tries can have the same fault.
-            return list({(issue.key, issue.message): issue for issue in issues}.values())[::-1]
-        # pydantic reads nothing of a section of unknown kind; read as the kind that was meant it has more to say
+            return list({(issue.key, issue.message): issue for issue in reversed(found)}.values())[::-1]
         data = copy.deepcopy(data)
-        for one, (word, kind) in misspelt:
-            kinds.append(_issue(one, data))
+        for one, (word, kind) in kinds:
             entry_at(data, one.key)[word] = kind
+        for key, word in keys.items():
+            section = entry_at(data, key[:-1])
+            section[word] = section.pop(key[-1])
+            written[(*key[:-1], word)] = str(key[-1])
 
 
 def _meant_kind(error: _Placed) -> tuple[str, str] | None:
@@ -72,6 +81,19 @@ def _meant_kind(error: _Placed) -> tuple[str, str] | None:
         return None
     near = nearest(str(context["tag"]), _quoted(context["expected_tags"]))
     return (_tag_key(context), near) if near else None
+
+
+def _meant_keys(errors: list[_Placed], data: Plain) -> dict[KeyPath, str]:
+    """Misspelt key -> the word that was meant, where its section has no entry of that name."""
+    found: dict[KeyPath, str] = {}
+    taken: set[KeyPath] = set()
+    for error in errors:
+        section = error.key[:-1]
+        near = nearest(str(error.key[-1]), known_keys(section, data)) if error.type == "extra_forbidden" else None
+        if near and near not in entry_at(data, section) and (*section, near) not in taken:
+            found[error.key] = near
+            taken.add((*section, near))
+    return found
 
 
 class _Placed:
@@ -92,13 +114,6 @@ class _Placed:
             else:
                 self.choices.append((self.key, str(part)))
 
-    @property
-    def missing(self) -> KeyPath | None:
-        """The key that should be there; None where another thing is wrong."""
-        if self.type == "union_tag_not_found":
-            return (*self.key, _tag_key(self.details["ctx"]))
-        return self.key if self.type == "missing" else None
-
 
 def _without_rivals(errors: list[_Placed]) -> list[_Placed]:
     branches: dict[KeyPath, dict[str, list[_Placed]]] = defaultdict(lambda: defaultdict(list))
@@ -113,17 +128,6 @@ def _without_rivals(errors: list[_Placed]) -> list[_Placed]:
         for group in rivals.values():
             dropped |= {id(error) for error in group if group is not best}
     return [error for error in errors if id(error) not in dropped]
-
-
-def _without_misspelt(errors: list[_Placed], data: Plain) -> list[_Placed]:
-    if not any(error.missing for error in errors):
-        return errors
-    meant = {
-        (*error.key[:-1], nearest(str(error.key[-1]), known_keys(error.key[:-1], data)))
-        for error in errors
-        if error.type == "extra_forbidden"
-    }
-    return [error for error in errors if error.missing not in meant]
 
 
 def _issue(error: _Placed, data: Plain) -> Issue:

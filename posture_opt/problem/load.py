@@ -22,10 +22,8 @@ _DEFAULT_PROBLEM = "insert_planar_2r"
 def load_problem(path: str | PathLike[str]) -> Problem:
     """The problem in a YAML file, or, where there is none of that name, the built-in problem: ``insert_planar_2r``.
 
-    Of a folder that a diagnosis or a calibration was saved in, the arm that it delivered.
-
-    >>> load_problem("insert_planar_2r").task.kind
-    'insert'
+    Args:
+        path: file, built-in name, or the folder of a diagnosis or calibration: then the arm that it delivered.
 
     Returns:
         ``Problem``: ``robot``, ``task``, ``sources``, ``cell`` and the rest of the file, in SI units and
@@ -33,6 +31,11 @@ def load_problem(path: str | PathLike[str]) -> Problem:
 
     Raises:
         InputError: everything wrong with the file, each with line, key and a hint.
+
+    Example:
+        >>> import posture_opt as po
+        >>> po.load_problem("insert_planar_2r").task.kind
+        'insert'
     """
     file, name = Path(path), fspath(path)
     if not is_there(file):
@@ -45,7 +48,11 @@ def load_problem(path: str | PathLike[str]) -> Problem:
 
 
 def problem_from_dict(data: Mapping[str, Plain], folder: str | PathLike[str] = ".") -> Problem:
-    """The problem of a mapping with the keys of a problem file; relative file names in it start at ``folder``.
+    """The problem of a mapping with the keys of a problem file.
+
+    Args:
+        data: sections and keys as in a file; quantities with units, or numbers in SI units and radians.
+        folder: where relative file names in it start.
 
     Returns:
         ``Problem``: as `load_problem` returns it.

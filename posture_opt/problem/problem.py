@@ -109,7 +109,11 @@ class Problem(ProblemData):
     def with_task(self, kind: str | None = None, **keys: Plain) -> Problem:
         """The same problem with the task ``kind`` and other keys of the task replaced, as in the file.
 
-        What the former task says and the new one knows stays: direction, target, clearance.
+        Keys that both tasks have stay: direction, target, clearance.
+
+        Args:
+            kind: name of the task; default: the same.
+            keys: of the task section, as in `replace`.
 
         Raises:
             InputError: unknown kind or key, or a value that does not fit.
@@ -131,14 +135,20 @@ class Problem(ProblemData):
     def replace(self, **changes: Plain) -> Problem:
         """The same problem with other values at some keys of its file, two underscores between the parts of a key.
 
-        ``problem.replace(task__position=(0.6, 0.2, 0.1), uncertainty__repeatability="0.05 mm")``: quantities with
-        their units as in the file, or plain numbers and arrays in SI units and radians. What is given replaces all
-        that was at its key, None removes the key. A task that says where in another way loses the former
-        one. Entries of a list go by their name or number, ``robot__joints__elbow__a``, and keys with a point in them
-        as ``**{"uncertainty__sigma__elbow.theta": 3e-4}``.
+        A new target replaces one that was stated in another way. Entries of a list go by their name or number,
+        ``robot__joints__elbow__a``, and keys with a point as ``**{"uncertainty__sigma__elbow.theta": 3e-4}``.
+
+        Args:
+            changes: quantities with units as in the file, or numbers and arrays in SI units and radians. Each
+                replaces everything at its key; None removes the key.
 
         Raises:
             InputError: everything that does not fit, by the key.
+
+        Example:
+            >>> import posture_opt as po
+            >>> po.load_problem("insert_ur10").replace(task__clearance="0.3 mm").task.clearance
+            0.0003
         """
         data, keys = replaced_data(self.document, changes, self.robot)
         found = build_problem(ProblemDocument(data), self.folder, self.name, attached=self.attached)
@@ -174,7 +184,10 @@ class Problem(ProblemData):
         return build_problem(document, self.folder, self.name, attached=self.attached)
 
     def with_robot(self, robot: Mapping[str, Plain]) -> Problem:
-        """The same problem with another ``robot`` section, as in the file.
+        """The same problem with another robot.
+
+        Args:
+            robot: the section ``robot``, as in a file.
 
         Raises:
             InputError: the section does not fit, or the uncertainty names parameters that this robot lacks.
@@ -183,7 +196,10 @@ class Problem(ProblemData):
         return build_problem(document, self.folder, self.name, attached=self.attached)
 
     def with_sigma(self, sigma: Mapping[str, str]) -> Problem:
-        """The same problem where nothing but these standard deviations is uncertain: PARAMETER -> quantity.
+        """The same problem where nothing but these standard deviations is uncertain.
+
+        Args:
+            sigma: ``JOINT.PARAMETER`` -> quantity with its unit, such as ``"0.2 mrad"``.
 
         Raises:
             InputError: unknown parameters, or values without their unit.

@@ -1,4 +1,4 @@
-"""Meshes of a URDF: their files and edges, read through trimesh, which is optional."""
+"""Meshes of a URDF: their files and faces, read through trimesh, which is optional."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ import numpy as np
 from posture_opt.errors import InputError, listed
 from posture_opt.files import content, is_file
 from posture_opt.numerics import Array
-from posture_opt.robot.capsule_fit import Edges
 
 MAX_FACES = 100_000  # Faces of a mesh whose own surface is used; of a finer one the convex hull, which contains it
 # What robots are described with; archives, of which a small one may unfold to anything, are not
@@ -41,36 +40,23 @@ def _candidate_paths(name: str, folder: Path) -> list[Path]:
     return [folder / name.removeprefix("file://")]
 
 
-def read_mesh(path: Path, scale: tuple[float, ...]) -> Edges:
-    """The edges of a mesh, its lengths times ``scale`` (3,), in the frame of the ``<collision>`` element [m]. Read once
-    for each version of the file (time and size of its last change)."""
-    mesh = _load_mesh(path)
-    vertices = np.asarray(mesh.vertices, dtype=float) * np.array(scale)
-    edges = np.asarray(mesh.edges_unique)
-    if not len(edges) or not _usable(vertices):
-        raise UnreadMeshError(f"mesh {path.name} is empty or broken")
-    if len(mesh.faces) > MAX_FACES:
-        return Edges.about(vertices)
-    return Edges(vertices[edges[:, 0]], vertices[edges[:, 1]])
-
-
 def read_triangles(path: Path) -> Array:
     """(f, 3, 3) corners of the faces of a mesh in the unit of its file; of a very fine one those of its hull."""
-    mesh = _load_mesh(path)
+    mesh = load_mesh(path)
     if len(mesh.faces) > MAX_FACES:
         mesh = mesh.convex_hull
     triangles = np.asarray(mesh.triangles, dtype=float)
-    if not len(triangles) or not _usable(triangles) or not np.ptp(triangles.reshape(-1, 3), axis=0).max():
+    if not len(triangles) or not usable(triangles) or not np.ptp(triangles.reshape(-1, 3), axis=0).max():
         raise UnreadMeshError(f"mesh {path.name} is empty or broken")
     return triangles
 
 
-def _usable(coordinates: Array) -> bool:
+def usable(coordinates: Array) -> bool:
     # Largest coordinate of a mesh that is used, in m or in the unit of its file: a thousand kilometres in mm.
     return bool(np.all(np.abs(coordinates) < 1e9))  # NaN is below nothing
 
 
-def _load_mesh(path: Path) -> Any:
+def load_mesh(path: Path) -> Any:
     """The mesh as trimesh has it, vertices (v, 3) and faces (f, 3)."""
     if path.suffix.lower() not in _MESH_SUFFIXES:
         raise UnreadMeshError(f"mesh {path.name} is none of {listed(sorted(_MESH_SUFFIXES))}")

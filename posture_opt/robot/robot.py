@@ -276,3 +276,16 @@ def frame_factors(prefix: str, xyz: tuple[float, ...], rpy: tuple[float, ...]) -
         Factor("rotate", 1, pitch, f"{prefix}.pitch"),
         Factor("rotate", 0, roll, f"{prefix}.roll"),
     )
+
+
+def xyz_rpy(T: Array) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Position (3,) [m] and (roll, pitch, yaw) [rad] of a frame (4, 4), ``R = Rz(yaw) Ry(pitch) Rx(roll)``. Roll is
+    what yaw and pitch leave over: exact at pitch = ±90° too, where only the sum of yaw and roll is given."""
+    R = T[:3, :3]
+    cos_pitch = math.hypot(R[0, 0], R[1, 0])
+    yaw = math.atan2(R[1, 0], R[0, 0]) if cos_pitch > 1e-13 else math.atan2(-R[0, 1], R[1, 1])
+    pitch = math.atan2(-R[2, 0], cos_pitch)
+    c, s = math.cos(yaw), math.sin(yaw)
+    y_axis = np.array([-s, c, 0.0])
+    roll = math.atan2(-float(y_axis @ R[:, 2]), float(y_axis @ R[:, 1]))
+    return tuple(T[:3, 3].tolist()), (roll, pitch, yaw)

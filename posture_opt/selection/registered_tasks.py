@@ -78,7 +78,8 @@ def kind_of(task: type[Task]) -> str:
 
 def direction_name(kind: str) -> str:
     """What reports call the direction of a task of that kind: insertion direction."""
-    return next((task.direction_name for task in every_task() if kind_of(task) == kind), Task.direction_name)
+    task = own.task_class(kind)
+    return (task or next((t for t in registered_tasks().tasks if kind_of(t) == kind), Task)).direction_name
 
 
 def part_words(within: str, kind: str) -> str:

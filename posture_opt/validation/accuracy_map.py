@@ -271,6 +271,7 @@ def map_accuracy(
     Without corrections that leaves the second-order shift of the mean.
 
     Args:
+        problem: a task, and an arm with corrections or effects.
         data: measurements, to be set against what is predicted; with them the map covers where they lie.
         counts, low, high, plane, seed, workers, executor, progress: as of `map_targets`.
 

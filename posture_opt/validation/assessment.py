@@ -184,8 +184,9 @@ def assess(
     the side of zero.
 
     Args:
-        problem: the calibration, which knows its problem and its measurements; or the problem, the measurements
-            ``data`` and the ``calibration`` that was made from them.
+        problem: the calibration, which has its problem and its measurements; or the problem.
+        data: in that case the measurements.
+        calibration: in that case the calibration of these measurements.
 
     Returns:
         ``Assessment``: RMS, mean and largest error [m] before and after calibration, and of two rules of

@@ -147,8 +147,9 @@ def check_spread(
     using the stochastic ellipsoid approach, Robotica 24 (2006) 477.
 
     Args:
-        problem: the calibration, which knows its problem and its measurements; or the problem, the measurements
-            ``data`` and the ``calibration`` that was made from them.
+        problem: the calibration, which has its problem and its measurements; or the problem.
+        data: in that case the measurements.
+        calibration: in that case the calibration of these measurements.
         folds: of the cross-validation; default: those of the calibration.
 
     Returns:

@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Any, BinaryIO, overload
 
 from posture_opt import __version__
 from posture_opt.errors import InputError, Issue
+from posture_opt.workers import Part, R, S, T, Workers
 from posture_opt.workers.record_pattern import is_result, matches
-from posture_opt.workers.workers import Part, R, S, T, Workers
 
 if TYPE_CHECKING:
     from posture_opt.numerics import Json

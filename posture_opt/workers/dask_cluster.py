@@ -15,7 +15,7 @@ from urllib.parse import urlsplit
 
 from posture_opt import __version__
 from posture_opt.errors import InputError, Issue
-from posture_opt.workers.workers import MAX_SUBMITTED_PARTS, Part, R, S, T, Workers, worked
+from posture_opt.workers import MAX_SUBMITTED_PARTS, Part, R, S, T, Workers, worked
 
 # Time [s] to wait for a scheduler that has taken a connection, for the first worker, and for the end of both.
 _SCHEDULER_TIMEOUT_S = 10

@@ -8,7 +8,7 @@ from concurrent.futures import Executor as FuturesExecutor
 from itertools import islice
 
 from posture_opt.errors import InputError, Issue
-from posture_opt.workers.workers import MAX_SUBMITTED_PARTS, Part, R, S, T, Workers, worked
+from posture_opt.workers import MAX_SUBMITTED_PARTS, Part, R, S, T, Workers, worked
 
 
 class ExecutorWorkers(Workers):

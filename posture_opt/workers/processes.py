@@ -20,7 +20,7 @@ from multiprocessing.process import BaseProcess
 
 from posture_opt.errors import InputError, Issue
 from posture_opt.interrupts import undisturbed
-from posture_opt.workers.workers import Part, R, S, T, Workers, worked
+from posture_opt.workers import Part, R, S, T, Workers, worked
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from posture_opt.workers.workers import Part, R, S, T
+from posture_opt.workers import Part, R, S, T
 
 Pattern = Any
 FINITE = "finite"  # The pattern of a number that is neither NaN nor infinite

@@ -11,8 +11,8 @@ import pytest
 import trimesh
 
 import posture_opt as po
-from posture_opt.collision.mesh_boxes import enclosed_mesh
 from posture_opt.collision.obstacles import Mesh
+from posture_opt.collision.obstacles.mesh import enclosed_mesh
 
 
 def tray() -> trimesh.Trimesh:

@@ -52,6 +52,12 @@ effects:
   - {kind: joint_scale, joint: joint4, estimate: {scale: 1e-4}}
 """,
     ),
+    "misspelt keys within misspelt keys": (
+        5,
+        """robt: {kind: preset, nmae: planar_2r, tol: {xzy: [0 m, 0 m, 0 m]}}
+task: {kind: insert, positon: [1 m, 0 m, 0 m]}
+""",
+    ),
     "data and path": (
         3,
         """robot: {kind: preset, name: planar_2r}

@@ -18,7 +18,7 @@ import yaml
 
 import posture_opt as po
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
-from posture_opt.uncertainty.sources.covariance_file import covariance_text
+from posture_opt.uncertainty.sources.uncertainty_section import covariance_text
 from tests.helpers.command_line import invoke
 from tests.hidden.arms import ARMS
 from tests.hidden.designs import Plan, Session, draw_session

@@ -14,7 +14,7 @@ import posture_opt as po
 from posture_opt.collision.scene import Scene, scene_statements
 from posture_opt.report.text.blocks import fits, lead
 from posture_opt.result import Result
-from posture_opt.selection.paths.motion import PathBreak
+from posture_opt.selection.answer.path_answer import PathBreak
 from posture_opt.selection.search.relaxation import Reason, Relaxation
 from posture_opt.statements import Statement, every_entry, state
 from tests.helpers.every_result import MADE

@@ -15,7 +15,7 @@ import posture_opt as po
 from posture_opt.changes.what_changed import GrossRow
 from posture_opt.report.text.blocks import Document
 from posture_opt.statements import every_entry, state
-from posture_opt.uncertainty.moments.second_order import Validity
+from posture_opt.uncertainty.moments.pose_covariance import Validity
 from posture_opt.validation.model_errors import Sides, Trend
 from tests.helpers.every_result import MADE, PROBLEMS
 

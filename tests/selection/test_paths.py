@@ -13,7 +13,7 @@ from posture_opt.errors import InputError, NoSolutionError
 from posture_opt.report.parts.posture_parts import points_block
 from posture_opt.report.text.blocks import Table
 from posture_opt.selection.paths.joint_steps import JointSteps, StepGraph
-from posture_opt.selection.paths.task_path import TaskPath, between, tangents
+from posture_opt.selection.program.task_path import TaskPath, between, tangents
 from tests.helpers import factors
 from tests.helpers.changes import changed
 from tests.helpers.path_brute_force import across, bottleneck, reached, tangents_of

@@ -11,7 +11,7 @@ import pytest
 import posture_opt as po
 from posture_opt.errors import InputError
 from posture_opt.problem.fitting import uncertainty_section
-from posture_opt.selection.answer.task_objective import task_objective
+from posture_opt.selection.select_posture import task_objective
 from posture_opt.uncertainty.sources.sources import Sources
 from tests.helpers.brute_force import elementary
 

@@ -15,7 +15,7 @@ from posture_opt.robot.preset import load_preset
 from posture_opt.robot.robot import frame_factors
 from posture_opt.uncertainty.moments.exact_moments import plane_of
 from posture_opt.uncertainty.moments.integration import NodePlan
-from posture_opt.uncertainty.moments.second_order import second_order
+from posture_opt.uncertainty.moments.pose_covariance import second_order
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
 from posture_opt.uncertainty.regions.regions import Ellipsoid
 from posture_opt.uncertainty.sources.sources import Sources

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from posture_opt.uncertainty.moments.second_order import Validity
+from posture_opt.uncertainty.moments.pose_covariance import Validity
 from posture_opt.uncertainty.regions.regions import Ellipsoid
 
 LINK_SIGMA = 0.01

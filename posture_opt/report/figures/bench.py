@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from posture_opt.selection.answer.placement import BenchMap
     from posture_opt.selection.answer.solution import Solution
-    from posture_opt.selection.stations.bench_map import BenchMap
 
 _EDGE_SHARE = 0.25  # of the width: nearer to the edge, a name is above or below its point
 _UNIT_FACTORS = (1e3, 1e3, 1e3, math.degrees(1.0))

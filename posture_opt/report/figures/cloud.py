@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from posture_opt import Cloud, Spread
-    from posture_opt.uncertainty.regions.critical import Critical
+    from posture_opt.uncertainty.regions.clearance import Critical
     from posture_opt.uncertainty.spread.task_spread import TaskSpread
 
 _PARALLEL_SINE = 1e-6  # sine of the angle below which two lines are one

@@ -27,7 +27,7 @@ from posture_opt.units import fixed, shown
 if TYPE_CHECKING:
     from posture_opt import Spread, Task
     from posture_opt.selection.problem_data import ProblemData
-    from posture_opt.uncertainty.regions.critical import Critical
+    from posture_opt.uncertainty.regions.clearance import Critical
     from posture_opt.uncertainty.spread.task_spread import TaskSpread
 
 _MAX_NAMED_SOURCES = 3  # sources of a group that are named

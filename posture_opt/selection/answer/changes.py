@@ -169,7 +169,8 @@ class Changes:
                 ends = (there.value, joint.upper) if off < 0 else (joint.lower, there.value)
                 text = [there.text if end == there.value else exact_text(end, joint.unit) for end in ends]
                 words = f"let {joint.name} go to {there.text} (limit {stated_apart(bound, there.value, joint.unit)})"
-                changes.append(Change(("robot", "joints", joint.name, "limits"), ends, text, words))
+                sides = (words, "") if off < 0 else ("", words)
+                changes.append(Change(("robot", "joints", joint.name, "limits"), ends, text, words, sides=sides))
         return changes
 
     def _smaller(self, k: int, name: str) -> list[Change]:

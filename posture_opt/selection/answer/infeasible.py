@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
+from itertools import islice
 
 import numpy as np
 
@@ -118,7 +119,7 @@ class Infeasibility:
 
     def met(self) -> CandidatePosture | None:
         """A posture that meets everything, from where nothing has to give."""
-        if self.found.target.kind != "anywhere" and plane_reason(self.problem.reach, self.target) is not None:
+        if plane_reason(self.problem.reach, self.target) is not None or not self._in_reach:
             return None
         way = self._least(self.elastic.further or (LIMITS,))
         if way is None or not way.met:
@@ -137,13 +138,10 @@ class Infeasibility:
         beside = {CLEARANCE, *self.elastic.cell.movable}  # of rows that are named where they suffice alone
         names, nearest = max(ways, key=lambda way: (specific(way[0]), not {*way[0]} & beside, -way[1].cost))
         reasons = self.reasons(names, nearest)
-        offered: list[Relaxation] = []
         does = limited(self.does)
-        for names, way in sorted(ways, key=lambda way: way[1].cost):
-            if len(offered) < MAX_OFFERED:
-                found = self.relaxation(names, way, ways, does)
-                offered += [] if found is None else [found]
-        return Explanation(nearest.q, reasons, tuple(offered))
+        single = [_SharedWay(names, (way,)) for names, way in ways]
+        offered = _offered(single, lambda way: self._relaxation(way, ways, does))
+        return Explanation(nearest.q, reasons, offered)
 
     def reasons(self, names: Sequence[str], way: Compromise) -> tuple[Reason, ...]:
         """Requirements missed until ``names`` give."""
@@ -154,21 +152,12 @@ class Infeasibility:
             rows = [name for name in self.elastic.in_cell if way.lacking[name] > 0]
         return Reasons(self.problem, self.elastic, self.target, way).of(rows)
 
-    def relaxation(self, names: Sequence[str], way: Compromise, ways: Sequence[Way], does: Does) -> Relaxation | None:
-        """The change that a way shows, with the first digits that solve the problem, or None."""
-        assert self.asked is not None
-        assert self.asked.task is not None
-        task = self.asked.task
-        given = [name for name in names if way.lacking[name] > 0]
-        if TARGET in given and self._in_solid(way):
+    def _relaxation(self, way: _SharedWay, ways: Sequence[Way], does: Does) -> Relaxation | None:
+        given = [name for name in way.names if way.ways[0].lacking[name] > 0]
+        if TARGET in given and self._in_solid(way.ways[0]):
             return None  # nobody puts a workpiece there
-        reasons = self._reasons_of(given, way, ways)
-        posture = Posture(self.problem.robot, way.q)
-        written = (
-            Changes(self.problem, task, self.elastic, self.target, way, attempt).of(given) for attempt in ATTEMPTS
-        )
-        changes = first_that_does(written, lambda changes: does(changes, way.q))
-        return None if changes is None else Relaxation(words_of(changes), reasons, posture, way.cost, changes)
+        reasons = partial(self._reasons_of, given, way.ways[0], ways)
+        return _relaxation(self, way, [self.target], reasons, ATTEMPTS, does)
 
     def _reasons_of(self, names: Sequence[str], way: Compromise, ways: Sequence[Way]) -> tuple[Reason, ...]:
         movable, rows = self.elastic.cell.movable, {k: name for name, k in self.elastic.cell.obstacles.items()}
@@ -380,12 +369,12 @@ def explain_stations(inquiry: Infeasibility, targets: Sequence[TaskTarget], name
     own = [way for way in shared if not {*way.names} & {*cell.movable}] or shared
     chief = max(own, key=lambda way: (specific(way.names), -way.cost))
     reasons = _reasons(inquiry, chief, targets, names)
-    offered: list[Relaxation] = []
-    inquiry = replace(inquiry, does=limited(inquiry.does))
-    for way in sorted(changing, key=lambda way: way.cost):
-        if len(offered) < MAX_OFFERED and (found := _relaxation(inquiry, way, targets, names)) is not None:
-            offered.append(found)
-    return Explanation(chief.ways[chief.worst].q, reasons, tuple(offered))
+    does, attempts = limited(inquiry.does), [attempt for attempt in ATTEMPTS if not attempt.digits]
+
+    def relaxed(way: _SharedWay) -> Relaxation | None:
+        return _relaxation(inquiry, way, targets, partial(_reasons, inquiry, way, targets, names), attempts, does)
+
+    return Explanation(chief.ways[chief.worst].q, reasons, _offered(changing, relaxed))
 
 
 def _shared(
@@ -414,15 +403,23 @@ def _reasons(
     return tuple(replace(reason, message=f"{names[worst]}: {reason.message}") for reason in found)
 
 
+def _offered(ways: Iterable[_SharedWay], relaxed: Callable[[_SharedWay], Relaxation | None]) -> tuple[Relaxation, ...]:
+    """The first changes that do, those of the cheapest ways first."""
+    found = map(relaxed, sorted(ways, key=lambda way: way.cost))
+    return tuple(islice((one for one in found if one is not None), MAX_OFFERED))
+
+
 def _relaxation(
-    inquiry: Infeasibility, way: _SharedWay, targets: Sequence[TaskTarget], names: Sequence[str]
-) -> Relaxation | None:
-    written = (_changes(inquiry, way, targets, attempt) for attempt in ATTEMPTS if not attempt.digits)
-    changes = first_that_does(written, lambda changes: inquiry.does(changes, way.ways[way.worst].q))
+    inquiry: Infeasibility, way: _SharedWay, targets: Sequence[TaskTarget], reasons: Callable[[], tuple[Reason, ...]],
+    attempts: Iterable[Attempt], does: Does,
+) -> Relaxation | None:  # fmt: skip
+    """The change that does at all targets, with the first digits that solve the problem, or None."""
+    q = way.ways[way.worst].q
+    written = (_changes(inquiry, way, targets, attempt) for attempt in attempts)
+    changes = first_that_does(written, lambda changes: does(changes, q))
     if changes is None:
         return None
-    reasons, posture = _reasons(inquiry, way, targets, names), Posture(inquiry.problem.robot, way.ways[way.worst].q)
-    return Relaxation(words_of(changes), reasons, posture, way.cost, changes)
+    return Relaxation(words_of(changes), reasons(), Posture(inquiry.problem.robot, q), way.cost, changes)
 
 
 def _changes(

@@ -25,7 +25,7 @@ from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE
 from posture_opt.selection.solvers import Solver
 from posture_opt.selection.terms.manipulability import Manipulability
-from posture_opt.uncertainty.regions.critical import Critical
+from posture_opt.uncertainty.regions.clearance import Critical
 from posture_opt.uncertainty.regions.regions import deviation
 from posture_opt.uncertainty.spread.peg_spread import peg_spread
 

@@ -119,6 +119,15 @@ class PlacementStatistics:
 
 
 @dataclass(frozen=True)
+class BenchMap:
+    """Best spread over two coordinates of the placement, the others as in the answer."""
+
+    axes: tuple[int, int]  # which two coordinates, 0 to 3
+    values: tuple[Array, Array]  # of each of them [m or rad]
+    sigma: Array  # (len(values[0]), len(values[1])) [m]; NaN where a feature cannot be done
+
+
+@dataclass(frozen=True)
 class Placement(PlacementRange):
     """The placement that the stations of an answer share, in the range where the workpiece may stand."""
 
@@ -143,7 +152,7 @@ class Placement(PlacementRange):
         """What the part ``solver`` of ``solution.json`` says of the search for it."""
         return {} if self.statistics is None else vars(self.statistics)
 
-    def bench(self, postures: Array) -> Any:
+    def bench(self, postures: Array) -> BenchMap | None:
         """A map of the spread over the placement, from postures (K, n), or None."""
         return None
 

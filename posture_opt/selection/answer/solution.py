@@ -7,42 +7,45 @@ steps of the joints besides.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Any, ClassVar, Protocol
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numpy as np
 
 from posture_opt.collision.pairs import Clearance
-from posture_opt.numerics import Array, Json, Mask
+from posture_opt.numerics import Array, Json
 from posture_opt.selection.answer.improvements import MIN_GAIN, Improvement, improvements
-from posture_opt.selection.answer.placement import Placement, VisitingOrder, best_order, combined_sigma
+from posture_opt.selection.answer.placement import BenchMap, Placement, VisitingOrder, best_order, combined_sigma
 from posture_opt.selection.answer.prices import Price, prices_of
 from posture_opt.selection.answer.solution_statements import solution_statements
 from posture_opt.selection.answer.target_answer import TargetAnswer
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.engine import UNCONFIRMED_JSON, Confirmation, joined_confirmation
+from posture_opt.selection.tasks import Task
 from posture_opt.selection.tasks.workpiece import Combine
 from posture_opt.statements import Statement
 from posture_opt.uncertainty.sources.sources import ANGLE, FEATURE, POSITION, stated_name
 from posture_opt.uncertainty.spread.success_of_all import JointSuccess, PlaceErrors, success_of_all
 
-
-class FollowedPath(Protocol):
-    """What an answer along a path has in addition to its stations: the motion that joins them."""
-
-    @property
-    def listed(self) -> Mask:
-        """(K,) whether the point is one of the task's own."""
-
-    def to_json(self, found: Solution) -> dict[str, Json]:
-        """What ``solution.json`` says of the path: plain data."""
+if TYPE_CHECKING:
+    from posture_opt.selection.answer.path_answer import PathAnswer
 
 
-def _part(part: str, name: str, text: str) -> Any:
-    """An attribute of a part that only some answers have; else None."""
-    of = {"placement": " – of the placement of a workpiece, else None", "followed": " – of a path, else None"}
-    return property(lambda found: getattr(getattr(found, part), name, None), doc=f"{text}{of.get(part, '')}.")
+T = TypeVar("T")
+
+
+def _of_path(read: Callable[[PathAnswer], T], text: str) -> T:
+    """An attribute that answers along a path have; None of others."""
+    of = property(lambda found: None if found.followed is None else read(found.followed), doc=f"{text}; of a path.")
+    return cast(T, of)
+
+
+def _of_placement(read: Callable[[Placement], T], text: str) -> T:
+    """An attribute that answers with a workpiece have; None of others."""
+    of = property(lambda found: None if found.placement is None else read(found.placement), doc=f"{text}; of a part.")
+    return cast(T, of)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -70,29 +73,37 @@ class Solution(TargetAnswer):
     points: tuple[Solution, ...] = ()
     names: tuple[str, ...] = ()
     placement: Placement | None = None
-    followed: FollowedPath | None = None
+    followed: PathAnswer | None = None
 
-    w: ClassVar[Any] = _part("placement", "w", "(4,) x, y, z [m] and yaw [rad], world")
-    workpiece: ClassVar[Any] = _part("placement", "workpiece", "x, y, z [m] and yaw [rad] by name")
-    placed: ClassVar[Any] = _part("placement", "stations", "The problem data of its stations")
-    centre: ClassVar[Any] = _part("placement", "at_centre", "Its range's middle, with σ [m]")
-    typical: ClassVar[Any] = _part("placement", "typical", "The median random one, with σ [m]")
-    others: ClassVar[Any] = _part("placement", "others", "Further optima, best first")
-    path: ClassVar[Any] = _part("followed", "path", "Its K points, listed and added")
-    motion: ClassVar[Any] = _part("followed", "motion", "The postures ``Q`` (K, n) [rad or m]")
-    naive: ClassVar[Any] = _part("followed", "naive", "What simpler ways give")
-    largest_step: ClassVar[Any] = _part("followed", "largest_step", "Allowed change of a joint [rad or m]")
-    smallest_step: ClassVar[Any] = _part("followed", "smallest_step", "Least that this can be [rad or m]")
-    bound: ClassVar[Any] = _part("followed", "bound", "σ_max [m] that no motion is below")
-    off_line: ClassVar[Any] = _part("followed", "off_line", "Largest distance [m] from its lines")
-    breaks: ClassVar[Any] = _part("followed", "breaks", "Where no motion leads along it")
-    law: ClassVar[Any] = _part("followed", "law", "Speed, and when the tool is where")
-    closed: ClassVar[Any] = _part("followed", "closed", "Whether it ends where it began")
-    times: ClassVar[Any] = _part("followed", "times", "(listed,) at each listed point [s]")
-    largest_joint_step: ClassVar[Any] = _part("followed", "largest_joint_step", "Largest change of a joint [rad or m]")
-    candidates: ClassVar[Any] = _part("followed", "candidates", "(K,) postures compared at each point")
-    seconds: ClassVar[Any] = _part("statistics", "seconds", "How long the search took [s]")
-    task: ClassVar[Any] = _part("problem", "task", "What is to be done")
+    w = _of_placement(lambda placement: placement.w, "(4,) x, y, z [m] and yaw [rad], world")
+    workpiece = _of_placement(lambda placement: placement.workpiece, "x, y, z [m] and yaw [rad] by name")
+    centre = _of_placement(lambda placement: placement.at_centre, "Its range's middle, with σ [m]")
+    typical = _of_placement(lambda placement: placement.typical, "The median random one, with σ [m]")
+    others = _of_placement(lambda placement: placement.others, "Further optima, best first")
+    path = _of_path(lambda path: path.path, "Its K points, listed and added")
+    motion = _of_path(lambda path: path.motion, "The postures ``Q`` (K, n) [rad or m]")
+    naive = _of_path(lambda path: path.naive, "What simpler ways give")
+    largest_step = _of_path(lambda path: path.largest_step, "Allowed change of a joint [rad or m]")
+    smallest_step = _of_path(lambda path: path.smallest_step, "Least that this can be [rad or m]")
+    bound = _of_path(lambda path: path.bound, "σ_max [m] that no motion is below")
+    off_line = _of_path(lambda path: path.off_line, "Largest distance [m] from its lines")
+    breaks = _of_path(lambda path: path.breaks, "Where no motion leads along it")
+    law = _of_path(lambda path: path.law, "Speed, and when the tool is where")
+    closed = _of_path(lambda path: path.closed, "Whether it ends where it began")
+    times = _of_path(lambda path: path.times, "(listed,) at each listed point [s]")
+    largest_joint_step = _of_path(lambda path: path.largest_joint_step, "Largest change of a joint [rad or m]")
+    candidates = _of_path(lambda path: path.candidates, "(K,) postures compared at each point")
+
+    @property
+    def seconds(self) -> float:
+        """How long the search took [s]."""
+        return self.statistics.seconds
+
+    @property
+    def task(self) -> Task:
+        """What is to be done."""
+        assert self.problem.task is not None
+        return self.problem.task
 
     @property
     def stations(self) -> tuple[Solution, ...]:
@@ -156,7 +167,7 @@ class Solution(TargetAnswer):
         """What is made of the stations' standard deviations: the worst, their mean, or the probability that all
         succeed.
         """
-        return "worst" if self.problem.task is None else self.problem.task.combine
+        return self.task.combine
 
     @property
     def sigma(self) -> float:
@@ -183,7 +194,7 @@ class Solution(TargetAnswer):
         return best_order(self.optimisation_problem.robot, self.postures)
 
     @cached_property
-    def bench(self) -> Any:
+    def bench(self) -> BenchMap | None:
         """The spread over the first two free coordinates of the placement; None where fewer are free."""
         return None if self.placement is None else self.placement.bench(self.postures)
 
@@ -192,8 +203,7 @@ class Solution(TargetAnswer):
         """The least distance of the arm to what it is checked against, over all postures; None where nothing is
         checked.
         """
-        found: Clearance | None = self.problem.scene.clearance(self.postures)
-        return found
+        return self.problem.scene.clearance(self.postures)
 
     @cached_property
     def prices(self) -> tuple[Price, ...]:
@@ -211,8 +221,7 @@ class Solution(TargetAnswer):
     def confirmation(self) -> Confirmation | None:
         """What the solver of the problem says of the postures; None where it was not asked about all of them."""
         if self.followed is not None:
-            said: Confirmation | None = self.motion.confirmation
-            return said
+            return self.followed.motion.confirmation
         return joined_confirmation([point.statistics.confirmation for point in self.points or (self,)])
 
     @property
@@ -247,6 +256,7 @@ class Solution(TargetAnswer):
 
     def fields_json(self) -> dict[str, Json]:
         """The document ``solution.json``: SI units, finite numbers only."""
+        followed = self.followed
         return {
             "name": self.problem.name,
             "task": self.optimisation_problem.task.kind,
@@ -266,7 +276,7 @@ class Solution(TargetAnswer):
             "notes": list(dict.fromkeys(map(str, self.notes))),
             **({} if self.placement is None else {"workpiece": self.placement.workpiece}),
             **({} if self.problem.workpiece_sources.empty else {"workpiece_errors": self._workpiece_errors()}),
-            **({} if self.followed is None else self.followed.to_json(self)),
+            **(followed.to_json(self.stations, self.confirmation_json, self.seconds) if followed else {}),
             **(self._features_json() if self.points and self.followed is None else {}),
         }
 

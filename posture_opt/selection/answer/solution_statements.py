@@ -16,6 +16,7 @@ from posture_opt.selection.answer.improvements import CalibratedArm, HalvedSigma
 from posture_opt.selection.answer.placement import placement_text
 from posture_opt.selection.registered_tasks import part_words
 from posture_opt.selection.search.engine import Confirmation
+from posture_opt.selection.tasks.path_task import PathTask
 from posture_opt.selection.tasks.workpiece import WORKPIECE
 from posture_opt.statements import Quantity, Statement, Value, state
 from posture_opt.statements.notation import place, shift
@@ -115,7 +116,7 @@ def _motion(found: Solution) -> tuple[Statement, ...]:
         said.append(state(f"selection.{name}", one.joint, **given, off=Quantity(one.off)))
     if not found.breaks:
         said.append(state("selection.motion-steps", steps=_steps(found)))
-    if found.task.closed:
+    if isinstance(found.task, PathTask) and found.task.closed:
         turned = [state("selection.path-turned", name, turns=n) for name, n in found.law.whole_turns.items()]
         said += turned or [state("selection.path-closed")]
     return (*said, *_speed(found))
@@ -134,13 +135,13 @@ def _speed(found: Solution) -> list[Statement]:
     law = found.law
     if law.speed is None:
         return []
-    speed, time = Quantity(law.speed, "speed"), Quantity(float(law.times[-1]), "duration")
+    speed, time = Quantity(law.speed, "speed"), Quantity(float(law.lengths[-1]) / law.speed, "duration")
     if law.stated is None:
-        return [state("selection.speed-highest", law.limiting_joint, speed=speed, time=time)]
+        return [state("selection.speed-highest", str(law.limiting_joint), speed=speed, time=time)]
     if law.highest is None:
         return [state("selection.speed-stated", speed=speed, time=time)]
     highest = Quantity(law.highest, "speed")
-    return [state("selection.speed-bounded", law.limiting_joint, speed=speed, time=time, highest=highest)]
+    return [state("selection.speed-bounded", str(law.limiting_joint), speed=speed, time=time, highest=highest)]
 
 
 def _workpiece(found: Solution) -> list[Statement]:

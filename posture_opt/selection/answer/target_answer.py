@@ -25,7 +25,7 @@ from posture_opt.selection.search.engine import Engine
 from posture_opt.selection.search.relaxation import Reason, Relaxation
 from posture_opt.selection.search.search_outcome import SearchStatistics
 from posture_opt.statements import Statement
-from posture_opt.uncertainty.regions.critical import Critical
+from posture_opt.uncertainty.regions.clearance import Critical
 from posture_opt.uncertainty.regions.regions import Ellipsoid
 from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.uncertainty.spread.budget import Share

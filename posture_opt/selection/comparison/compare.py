@@ -64,6 +64,7 @@ def compare(
 
     Args:
         problems: at least two, by name.
+        seed, workers: of the searches, and processes that share them.
         progress: called with (done, all) arms.
 
     Returns:
@@ -113,6 +114,7 @@ def compare_plans(
 
     Args:
         models: by name, the reference last: the model that describes the arm best.
+        seed, workers: of the searches, and processes that share them.
         hint: stated beside the reasons where a model has no posture.
         measured: (N, n) postures that the reference was fitted to [rad or m].
 

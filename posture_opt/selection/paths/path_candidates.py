@@ -10,10 +10,10 @@ import numpy as np
 from posture_opt.collision.scene import Scene
 from posture_opt.numerics import Array, Progress
 from posture_opt.selection.paths.joint_steps import JointSteps
-from posture_opt.selection.paths.task_path import stacked
+from posture_opt.selection.program.task_path import stacked
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.engine import Engine
-from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE, TOLERANCE, PoseRequest, held_request
+from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE, TOLERANCE
 from posture_opt.selection.search.multistart import feasible_starts
 from posture_opt.selection.search.search_outcome import is_clear
 from posture_opt.workers import Serial, Workers
@@ -122,7 +122,7 @@ class _Following:
     def _followed(self, Q: Array, way: range, improved: int) -> Iterator[tuple[int, Array]]:
         """Postures (N, n) led from point to point, with ``improved`` steps of the local search at each."""
         for j in way:
-            request, target = held(self.engine, self.targets[j]), self.targets[j]
+            request, target = self.engine.held(self.targets[j]), self.targets[j]
             moved, errors = self.engine.ik.solve(self.steps.wrapped(Q), request)
             Q = moved[errors < TOLERANCE]
             if not len(Q):
@@ -149,10 +149,3 @@ class _Following:
 
 def _followed_from(search: _Following, anchor: tuple[int, Array]) -> list[tuple[int, Array]]:
     return list(search.from_anchor(*anchor))
-
-
-def held(engine: Engine, target: TaskTarget) -> PoseRequest:
-    """Request of a point; any axis within the tilt will do."""
-    problem = engine.optimisation_problem
-    slack = problem.reach.axis_slack / 2 if problem.alignment == "loose" else 0.0
-    return held_request(target, problem.axis_rows > 0, slack)

@@ -7,6 +7,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import NoReturn
 
 import numpy as np
@@ -14,20 +15,28 @@ import numpy as np
 from posture_opt.errors import InputError, Issue, NoSolutionError
 from posture_opt.numerics import Array, DerivedAgain, Progress
 from posture_opt.selection.answer.infeasible import explain_stations, infeasible
+from posture_opt.selection.answer.path_answer import Motion, Naive, PathAnswer, TimeLaw
 from posture_opt.selection.answer.placement import Placement, PlacementFigure, PlacementRange
 from posture_opt.selection.answer.selector import PostureSelector, task_of
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.answer.target_answer import Status
-from posture_opt.selection.paths.joint_steps import JointSteps
-from posture_opt.selection.paths.knots import MAX_SEARCHED_POINTS, along_all, knots_of, motions_at_knots
-from posture_opt.selection.paths.motion import Motion, TimeLaw, off_lines, step_bounds
-from posture_opt.selection.paths.motion_search import STEP_TOLERANCE_RAD, MotionSearch, keeps_speed, smooth_motion
-from posture_opt.selection.paths.path_answer import PathAnswer, naive_motions
+from posture_opt.selection.paths.joint_steps import JointSteps, off_lines, step_bounds
+from posture_opt.selection.paths.motion_search import (
+    MAX_SEARCHED_POINTS,
+    STEP_TOLERANCE_RAD,
+    MotionSearch,
+    along_all,
+    keeps_speed,
+    knots_of,
+    motions_at_knots,
+    smooth_motion,
+)
 from posture_opt.selection.paths.path_candidates import PathCandidates, find_candidates
-from posture_opt.selection.paths.task_path import TaskPath
 from posture_opt.selection.problem_data import ProblemData
+from posture_opt.selection.program.task_path import TaskPath
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.engine import Engine
+from posture_opt.selection.search.inverse_kinematics import TOLERANCE
 from posture_opt.selection.search.multistart import Sampled, multistart, usual_starts
 from posture_opt.selection.search.relaxation import Change, Reason, with_changes
 from posture_opt.selection.search.search_outcome import SearchStatistics
@@ -70,6 +79,22 @@ def too_fast(search: MotionSearch, speed: float, law: TimeLaw) -> Reason:
         f"{first + 1}, and {limit} is its limit: set speed: {below:g} mm/s"
     )
     return Reason("speed", message, speed - highest, "m/s")
+
+
+def naive_motions(search: MotionSearch) -> Naive:
+    """Motions without look-ahead, from the candidates of points that were sought by themselves."""
+    found, targets, engine, scene = search.apart or search.found, search.found.targets, search.engine, search.scene
+    best = np.array([Q[int(np.argmin(costs))] for Q, costs in zip(found.postures, found.costs, strict=True)])
+    apart = np.array([search.steps.between(a[None], b[None])[0, 0] for a, b in pairwise(best)])
+    each = Motion.of(engine, found.targets, best, apart, scene, True)
+    way = [best[0]]
+    for target in targets[1:]:
+        moved, error = engine.ik.solve(way[-1][None], engine.held(target))
+        if error[0] >= TOLERANCE:
+            return Naive(each, None, len(way))
+        way.append(moved[0])
+    Q = np.array(way)
+    return Naive(each, Motion.of(engine, targets, Q, search.steps.swept(Q, search.path.listed), scene, True), len(way))
 
 
 def moved_on(found: Solution, targets: Sequence[TaskTarget], placement: PlacementRange) -> Array:

@@ -246,6 +246,7 @@ class Change:
     text: Json  # as the file states it
     words: str
     looser: int = 0  # 1: larger asks for less; −1: smaller does; 0: a pair of limits, a place
+    sides: tuple[str, str] = ("", "")  # of limits: words for the lower and for the upper one, where it changes
 
     @property
     def path(self) -> str:
@@ -261,9 +262,9 @@ class Change:
             lower, upper = (self if low <= other_low else other), (self if high >= other_high else other)
             if lower is upper:
                 return lower
-            text = [_pair(lower.text)[0], _pair(upper.text)[1]]
-            words = f"{lower.words} and {upper.words}"
-            return replace(lower, value=(lower.value[0], upper.value[1]), text=text, words=words)
+            text, sides = [_pair(lower.text)[0], _pair(upper.text)[1]], (lower.sides[0], upper.sides[1])
+            value, words = (lower.value[0], upper.value[1]), " and ".join(filter(None, sides))
+            return replace(lower, value=value, text=text, words=words, sides=sides)
         return max(self, other, key=lambda change: change.looser * float(np.sum(change.value)))
 
 

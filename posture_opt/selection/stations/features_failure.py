@@ -28,8 +28,8 @@ from posture_opt.selection.search.relaxation import (
     shown,
     with_changes,
 )
-from posture_opt.selection.stations.bench_map import PlacementOnBench
 from posture_opt.selection.stations.placed_stations import PlacedStations
+from posture_opt.selection.stations.placement_search import PlacementOnBench
 from posture_opt.selection.tasks import Task
 from posture_opt.selection.tasks.workpiece import Workpiece
 from posture_opt.statements import Statement, state

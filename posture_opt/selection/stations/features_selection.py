@@ -26,10 +26,16 @@ from posture_opt.selection.answer.target_answer import Status, critical_basis
 from posture_opt.selection.problem_data import ProblemData, with_fallbacks
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.search_outcome import confirmed, is_clear
-from posture_opt.selection.stations.bench_map import PlacementOnBench, placement_sigma
 from posture_opt.selection.stations.features_failure import FeaturesFailure, joined_features
 from posture_opt.selection.stations.placed_stations import PlacedStations, Postures
-from posture_opt.selection.stations.placement_search import PlacementOptimum, PlacementSearch, failing, search_placement
+from posture_opt.selection.stations.placement_search import (
+    PlacementOnBench,
+    PlacementOptimum,
+    PlacementSearch,
+    failing,
+    placement_sigma,
+    search_placement,
+)
 from posture_opt.selection.stations.stations_problem import StationsPoint
 from posture_opt.selection.tasks import Task
 from posture_opt.uncertainty.sources.sources import Sources

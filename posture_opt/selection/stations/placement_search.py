@@ -1,4 +1,4 @@
-"""Placements screened in batches, the best improved by IPOPT and solved again from random starts, until one recurs."""
+"""Placements screened in batches, the best improved by IPOPT and solved again until one recurs; their map."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from posture_opt.numerics import Array, Progress
+from posture_opt.selection.answer.placement import BenchMap, Placement, combined_sigma
 from posture_opt.selection.search.multistart import independent_batches, recurrences
 from posture_opt.selection.stations.placed_stations import PlacedStations, Postures
 from posture_opt.selection.stations.stations_problem import StationsOutcome, StationsPoint
@@ -203,3 +204,49 @@ def _distinct(stations: PlacedStations, optima: list[PlacementOptimum]) -> tuple
         else:
             kept.append(optimum)
     return tuple(kept)
+
+
+@dataclass(frozen=True)
+class PlacementOnBench(Placement):
+    """A placement that can be mapped."""
+
+    stations: PlacedStations | None = None  # the features in the frame of the workpiece
+
+    def bench(self, postures: Array) -> BenchMap | None:
+        """Spread over the first two free coordinates, from postures (K, n); None where fewer are free."""
+        return None if self.stations is None else _bench_map(self.stations, self.w, postures)
+
+
+def _bench_map(placed: PlacedStations, w: Array, postures: Array) -> BenchMap | None:
+    free = np.flatnonzero(placed.placement.free)
+    if len(free) < 2:
+        return None
+    first, second = int(free[0]), int(free[1])
+    lower, upper = placed.placement.lower, placed.placement.upper
+    size = 21  # placements along each side
+    values = [np.linspace(lower[i], upper[i], size) for i in (first, second)]
+    W = np.tile(w, (size**2, 1))
+    W[:, first], W[:, second] = (grid.ravel() for grid in np.meshgrid(*values, indexing="ij"))
+    found = _spread_out(placed, placed.best(W, 8, np.random.default_rng(0), postures[None]))
+    sigma = placement_sigma(placed, found).reshape(size, size)
+    return BenchMap((first, second), (values[0], values[1]), np.where(np.isfinite(sigma), sigma, np.nan))
+
+
+def _spread_out(placed: PlacedStations, found: Postures) -> Postures:
+    rng = np.random.default_rng(1)
+    for _ in range(2):
+        feasible = (found.gap == 0).all(axis=1)
+        bad, good = np.flatnonzero(~feasible), np.flatnonzero(feasible)
+        if not len(bad) or not len(good):
+            break
+        away = np.linalg.norm(found.W[bad][:, None] - found.W[good][None], axis=2)
+        beside = np.unique(good[np.argsort(away, axis=1)[:, :2]])
+        known = found.Q[rng.permutation(beside)[:8]]
+        found = found.replaced(bad, placed.better(found.rows(bad), placed.best(found.W[bad], 32, rng, known)))
+    return found
+
+
+def placement_sigma(placed: PlacedStations, found: Postures) -> Array:
+    """(M,) standard deviation [m] of the worst feature, or the mean; infinite where one fails."""
+    sigma = np.where(found.gap == 0, found.sigma, np.inf)
+    return combined_sigma(placed.combine, sigma)

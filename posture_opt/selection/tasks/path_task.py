@@ -12,7 +12,7 @@ from posture_opt.errors import BadValueError
 from posture_opt.limits import MOST_PATH_POINTS
 from posture_opt.selection.tasks.task import Task
 from posture_opt.selection.tasks.workpiece import Direction, Workpiece
-from posture_opt.uncertainty.regions.critical import Within
+from posture_opt.uncertainty.regions.clearance import Within
 from posture_opt.units import Angle, Length, parse_quantity
 
 Point = tuple[Length, Length, Length]

@@ -17,7 +17,7 @@ from posture_opt.robot.robot import Robot
 from posture_opt.selection.tasks.workpiece import Combine, Direction, Features, Workpiece
 from posture_opt.selection.terms import TermSpec
 from posture_opt.spec import Spec
-from posture_opt.uncertainty.regions.critical import Within
+from posture_opt.uncertainty.regions.clearance import Within
 from posture_opt.uncertainty.spread.peg_spread import HeldPart
 from posture_opt.units import Angle, Celsius, Length, Mass, Time
 

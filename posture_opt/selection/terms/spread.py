@@ -12,7 +12,7 @@ from pydantic import Field
 
 from posture_opt.selection.terms import criteria
 from posture_opt.selection.terms.term import Quantities, StandardDeviationTerm
-from posture_opt.uncertainty.regions.critical import Within
+from posture_opt.uncertainty.regions.clearance import Within
 from posture_opt.units import Length
 
 

@@ -13,8 +13,7 @@ from posture_opt.model.chain import Vector
 from posture_opt.numerics import Array, Json, finite_or_none
 from posture_opt.uncertainty.moments.pose_covariance import joint_covariance, pose_covariance, turn_of
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
-from posture_opt.uncertainty.regions.clearance import JointProbability, both_within, miss_probability
-from posture_opt.uncertainty.regions.critical import Critical
+from posture_opt.uncertainty.regions.clearance import Critical, JointProbability, both_within, miss_probability
 
 
 @dataclass(frozen=True)

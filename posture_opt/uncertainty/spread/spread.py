@@ -18,8 +18,13 @@ from posture_opt.robot.posture import Posture, PostureLike, beyond_limits, read_
 from posture_opt.robot.robot import Robot
 from posture_opt.statements import Quantity, Statement, state
 from posture_opt.uncertainty.moments.integration import Integration
-from posture_opt.uncertainty.moments.pose_covariance import POSE_FRAME, PoseCovariance, pose_covariance
-from posture_opt.uncertainty.moments.second_order import Validity, second_order
+from posture_opt.uncertainty.moments.pose_covariance import (
+    POSE_FRAME,
+    PoseCovariance,
+    Validity,
+    pose_covariance,
+    second_order,
+)
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
 from posture_opt.uncertainty.regions.regions import Ellipsoid
 from posture_opt.uncertainty.sources.sources import Sources, of_workpiece
@@ -195,7 +200,11 @@ class Spread(Result):
         return task_spread(task, self.tool_point, self.q, (self.bias, self.covariance), normal)
 
     def region(self, p: float) -> Array:
-        """(m,) semi-axes [m], ascending, of the region that holds the tool point with probability p."""
+        """(m,) semi-axes [m], ascending, of the region that holds the tool point with a probability.
+
+        Args:
+            p: that probability, between 0 and 1.
+        """
         return self.ellipse.region(p)
 
     @cached_property

@@ -14,8 +14,7 @@ from posture_opt.numerics import Array, Json
 from posture_opt.statements import Quantity, Statement, state
 from posture_opt.uncertainty.moments.pose_covariance import pose_covariance
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
-from posture_opt.uncertainty.regions.clearance import within_clearance
-from posture_opt.uncertainty.regions.critical import PARTS, Critical, Within
+from posture_opt.uncertainty.regions.clearance import PARTS, Critical, Within, within_clearance
 from posture_opt.uncertainty.regions.regions import deviation
 from posture_opt.uncertainty.spread.budget import Share, ShareGroup, budget, share_groups
 from posture_opt.uncertainty.spread.peg_spread import HeldPart, PegSpread, YawSpread, peg_spread

@@ -1,26 +1,23 @@
-"""``Motion``: postures along a path; ``TimeLaw``: their times; ``PathBreak``: where they leave the path."""
+"""``PathAnswer``: the motion that joins the postures along a path, its times, and where it leaves the path."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
-import casadi as ca
 import numpy as np
 
 from posture_opt.collision.scene import Scene
-from posture_opt.model.compiled import BatchFunction
-from posture_opt.numerics import TURN, Array, Json, Mask
+from posture_opt.numerics import TURN, Array, Json, Mask, finite_or_none
 from posture_opt.robot.robot import Robot
-from posture_opt.selection.paths.joint_steps import JointSteps
-from posture_opt.selection.paths.path_candidates import held
-from posture_opt.selection.paths.task_path import TaskPath, between, stacked
+from posture_opt.selection.answer.target_answer import TargetAnswer
+from posture_opt.selection.program.task_path import TaskPath, stacked
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.engine import Confirmation, Engine
-from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE, TOLERANCE
+from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE
 from posture_opt.selection.search.search_outcome import is_clear
 
 
@@ -69,28 +66,6 @@ class Motion:
     def worst(self) -> int:
         """Number of the point with the largest scatter."""
         return int(np.argmax(self.sigma))
-
-
-def breaks_away(engine: Engine, Q: Array) -> Mask:
-    """(K − 1,) whether the tool leaves the line between postures (K, n) by more than half of its length."""
-    ways = np.diff(_positions(engine)(Q), axis=0)
-    return np.asarray(off_lines(engine, Q) > 0.5 * np.linalg.norm(ways, axis=1))
-
-
-def _positions(engine: Engine) -> BatchFunction:
-    """Postures (N, n) to nominal tool points (N, 3) [m]."""
-    at = engine.optimisation_problem.quantities
-    return BatchFunction(ca.Function("position", [at.q], [at.position]), compiled=False)
-
-
-def off_lines(engine: Engine, Q: Array) -> Array:
-    """(K − 1,) distance [m] of the tool point from the lines between postures (K, n), joints moving evenly."""
-    shares, position = np.linspace(0.0, 1.0, 9)[1:-1], _positions(engine)
-    within = Q[:-1, None] + shares[:, None] * (Q[1:] - Q[:-1])[:, None]
-    reached, ends = position(within.reshape(-1, Q.shape[1])).reshape(len(Q) - 1, len(shares), 3), position(Q)
-    start, way = ends[:-1, None], (ends[1:] - ends[:-1])[:, None]
-    along = np.clip(np.sum((reached - start) * way, axis=2) / np.sum(way**2, axis=2), 0.0, 1.0)
-    return np.asarray(np.max(np.linalg.norm(reached - start - along[..., None] * way, axis=2), axis=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,20 +128,6 @@ class TimeLaw:
         return {name: int(turn) for name, turn in zip(self.robot.joint_names, turns, strict=True) if turn}
 
 
-def step_bounds(steps: JointSteps, path: TaskPath, largest: float, speed: float | None) -> Array:
-    """(K − 1, n) bound of each joint's step [rad or m], by ``largest`` between listed points and the speed [m/s]."""
-    even = largest / np.asarray(path.parts, dtype=float)[:, None]
-    even = np.where(steps.span > even, even, np.inf)
-    most = even if speed is None else np.minimum(even, speed_bounds(steps, path, speed))
-    return np.asarray(np.maximum(most - 1e-9, 1e-12))  # a solver may overstep it, and no joint stands quite still
-
-
-def speed_bounds(steps: JointSteps, path: TaskPath, speed: float) -> Array:
-    """(K − 1, n) motion of each joint at its largest speed between the points, the tool at ``speed`` [m/s]."""
-    each = np.diff(path.lengths)[:, None] / speed * np.array(steps.robot.velocities)
-    return np.asarray(np.where(np.isnan(each), np.inf, each))
-
-
 @dataclass(frozen=True)
 class PathBreak:
     """A step between points at which the arm changes its posture off the path."""
@@ -184,40 +145,83 @@ class PathBreak:
         return dict(vars(self))
 
 
-def passes_singularity(engine: Engine, targets: Sequence[TaskTarget], Q: Array, k: int) -> bool:
-    """Whether the arm, led on from either end of the step from point k of a motion (K, n), comes near a singularity.
+@dataclass(frozen=True)
+class Naive:
+    """Two motions without look-ahead; their steps are those from point to point, as they are."""
 
-    That is a sensitivity below a tenth of the median along the motion.
-    """
-    sampled = Q[np.linspace(0, len(Q) - 1, min(len(Q), 40)).astype(int)]
-    usual = float(np.median([_sensitivity(engine, q) for q in sampled]))
-    a, b = targets[k], targets[k + 1]
-    ways = (*_followed(engine, Q[k], a, b), *_followed(engine, Q[k + 1], b, a))
-    return min(_sensitivity(engine, q) for q in ways) < 0.1 * usual
+    each: Motion  # the best posture of every point, whatever those beside it
+    onward: Motion | None  # by inverse kinematics from the best first posture on; None where that comes to a limit
+    reached: int  # how many points it got to
 
 
-def _followed(engine: Engine, q: Array, a: TaskTarget, b: TaskTarget) -> Iterator[Array]:
-    """Postures (n,) from target a towards b, each from the one before, as far as they lead."""
-    yield q
-    for share in (np.arange(1, 24 + 1) / 24).tolist():
-        x = (1 - share) * a.lower + share * b.lower
-        aim = replace(a, lower=x, upper=x, axis=between(a.axis, b.axis, share))
-        moved, errors = engine.ik.solve(q[None], held(engine, aim))
-        if errors[0] >= TOLERANCE:
-            return
-        q = moved[0]
-        yield q
+@dataclass(frozen=True, eq=False)
+class PathAnswer:
+    """The part of a solution beside its stations where they are the K points of a path."""
+
+    path: TaskPath  # K points, listed and added
+    motion: Motion
+    largest_step: float  # allowed change of a joint between listed points [rad or m]
+    smallest_step: float  # the least possible
+    bound: float  # σ_max [m] that no motion gets below at its worst point; NaN where something else is minimised
+    off_line: float  # largest distance [m] of the tool point from the lines between points where joints move evenly
+    naive: Naive  # what simpler ways give
+    candidates: tuple[int, ...]  # (K,) postures that were compared at each point
+    law: TimeLaw  # when the tool is at each point
+    breaks: tuple[PathBreak, ...] = ()  # where no motion leads along the path, but only away from it and back
+
+    @property
+    def listed(self) -> Mask:
+        """(K,) whether a point is one of the task's own."""
+        return self.path.listed
+
+    @property
+    def largest_joint_step(self) -> float:
+        """Largest change of any joint between listed points [rad or m]."""
+        return float(np.max(np.abs(np.diff(self.motion.Q[self.listed], axis=0))))
+
+    @property
+    def closed(self) -> bool:
+        """Whether the motion ends where it began, or whole turns of joints away."""
+        Q = self.motion.Q
+        off = np.abs(Q[-1] - Q[0])
+        turns = np.array([joint.type == "revolute" for joint in self.law.robot.joints])
+        return bool(np.all(np.where(turns, np.abs(off - TURN * np.rint(off / TURN)), off) < 1e-6))
+
+    @property
+    def times(self) -> list[float] | None:
+        """Times at the listed points [s]; None without a speed."""
+        every = self.law.times
+        return None if every is None else [float(t) for t in every[self.listed]]
+
+    def to_json(self, stations: Sequence[TargetAnswer], said: dict[str, Json], seconds: float) -> dict[str, Any]:
+        """The path in ``solution.json``: answers at its listed points, what the solver said, and the search's time."""
+        onward = self.naive.onward
+        steps = ("largest_joint_step", "largest_step", "smallest_step")
+        return {
+            "path": [_point_json(point) for point in stations],
+            **{name: getattr(self, name) for name in steps},
+            "sigma_max_bound": finite_or_none(self.bound),
+            "off_line": self.off_line,
+            "closed": self.closed,
+            "whole_turns": self.law.whole_turns if self.closed else {},
+            "speed": self.law.speed,
+            "highest_speed": self.law.highest,
+            "times": self.times,
+            "limiting_joint": self.law.limiting_joint,
+            "breaks": [one.to_json() for one in self.breaks],
+            "without_look_ahead": {
+                "each_point_alone": self.naive.each.to_json(),
+                "following_the_first": None if onward is None else onward.to_json(),
+            },
+            "solver": {**said, "starts": sum(self.candidates), "distinct": 1,
+                       "converged": int(self.motion.optimal), "seconds": seconds},
+        }  # fmt: skip
 
 
-def _sensitivity(engine: Engine, q: Array) -> float:
-    """Smallest singular value of the held motions [m, and rad times the size of the workspace]."""
-    problem = engine.optimisation_problem
-    J, reach = np.asarray(problem.arm.jacobian(q), dtype=float), problem.reach
-    rows, rank = [reach.directions.T @ J[:3]], reach.directions.shape[1]
-    if problem.axis_rows:
-        R = np.asarray(problem.arm.pose(q), dtype=float)[:3, :3]
-        axis = R @ (np.array(problem.task.tool_axis) / np.linalg.norm(problem.task.tool_axis))
-        rows.append(reach.radius * np.cross(J[3:].T, axis).T)
-        rank += reach.axis_rank if reach.orients_at_point else 0
-    values = np.linalg.svd(np.vstack(rows), compute_uv=False)
-    return float(values[min(rank, len(values)) - 1])
+def _point_json(point: TargetAnswer) -> dict[str, Any]:
+    spread = point.spread
+    return {
+        "posture": point.posture,
+        "tool": {"position": spread.position.tolist(), "quaternion_wxyz": spread.quaternion_wxyz.tolist()},
+        **point.task_spread.to_json(),
+    }
