@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, cast
 
 import numpy as np
 
@@ -30,7 +30,9 @@ from posture_opt.uncertainty.sources.sources import ANGLE, FEATURE, POSITION, st
 from posture_opt.uncertainty.spread.success_of_all import JointSuccess, PlaceErrors, success_of_all
 
 if TYPE_CHECKING:
-    from posture_opt.selection.answer.path_answer import PathAnswer
+    from posture_opt.selection.answer.path_answer import Motion, Naive, PathAnswer, PathBreak, TimeLaw
+    from posture_opt.selection.answer.placement import PlacementFigure
+    from posture_opt.selection.program.task_path import TaskPath
 
 
 T = TypeVar("T")
@@ -75,24 +77,26 @@ class Solution(TargetAnswer):
     placement: Placement | None = None
     followed: PathAnswer | None = None
 
-    w = _of_placement(lambda placement: placement.w, "(4,) x, y, z [m] and yaw [rad], world")
-    workpiece = _of_placement(lambda placement: placement.workpiece, "x, y, z [m] and yaw [rad] by name")
-    centre = _of_placement(lambda placement: placement.at_centre, "Its range's middle, with σ [m]")
-    typical = _of_placement(lambda placement: placement.typical, "The median random one, with σ [m]")
-    others = _of_placement(lambda placement: placement.others, "Further optima, best first")
-    path = _of_path(lambda path: path.path, "Its K points, listed and added")
-    motion = _of_path(lambda path: path.motion, "The postures ``Q`` (K, n) [rad or m]")
-    naive = _of_path(lambda path: path.naive, "What simpler ways give")
-    largest_step = _of_path(lambda path: path.largest_step, "Allowed change of a joint [rad or m]")
-    smallest_step = _of_path(lambda path: path.smallest_step, "Least that this can be [rad or m]")
-    bound = _of_path(lambda path: path.bound, "σ_max [m] that no motion is below")
-    off_line = _of_path(lambda path: path.off_line, "Largest distance [m] from its lines")
-    breaks = _of_path(lambda path: path.breaks, "Where no motion leads along it")
-    law = _of_path(lambda path: path.law, "Speed, and when the tool is where")
-    closed = _of_path(lambda path: path.closed, "Whether it ends where it began")
-    times = _of_path(lambda path: path.times, "(listed,) at each listed point [s]")
-    largest_joint_step = _of_path(lambda path: path.largest_joint_step, "Largest change of a joint [rad or m]")
-    candidates = _of_path(lambda path: path.candidates, "(K,) postures compared at each point")
+    w: ClassVar[Array] = _of_placement(lambda p: p.w, "(4,) x, y, z [m] and yaw [rad], world")
+    workpiece: ClassVar[dict[str, float]] = _of_placement(lambda p: p.workpiece, "x, y, z [m] and yaw [rad] by name")
+    centre: ClassVar[PlacementFigure | None] = _of_placement(lambda p: p.at_centre, "Its range's middle, with σ [m]")
+    typical: ClassVar[PlacementFigure | None] = _of_placement(lambda p: p.typical, "The median random one, with σ [m]")
+    others: ClassVar[tuple[PlacementFigure, ...]] = _of_placement(lambda p: p.others, "Further optima, best first")
+    path: ClassVar[TaskPath] = _of_path(lambda p: p.path, "Its K points, listed and added")
+    motion: ClassVar[Motion] = _of_path(lambda p: p.motion, "The postures ``Q`` (K, n) [rad or m]")
+    naive: ClassVar[Naive] = _of_path(lambda p: p.naive, "What simpler ways give")
+    largest_step: ClassVar[float] = _of_path(lambda p: p.largest_step, "Allowed change of a joint [rad or m]")
+    smallest_step: ClassVar[float] = _of_path(lambda p: p.smallest_step, "Least that this can be [rad or m]")
+    bound: ClassVar[float] = _of_path(lambda p: p.bound, "σ_max [m] that no motion is below")
+    off_line: ClassVar[float] = _of_path(lambda p: p.off_line, "Largest distance [m] from its lines")
+    breaks: ClassVar[tuple[PathBreak, ...]] = _of_path(lambda p: p.breaks, "Where no motion leads along it")
+    law: ClassVar[TimeLaw] = _of_path(lambda p: p.law, "Speed, and when the tool is where")
+    closed: ClassVar[bool] = _of_path(lambda p: p.closed, "Whether it ends where it began")
+    times: ClassVar[list[float] | None] = _of_path(lambda p: p.times, "(listed,) at each listed point [s]")
+    largest_joint_step: ClassVar[float] = _of_path(
+        lambda p: p.largest_joint_step, "Largest change of a joint [rad or m]"
+    )
+    candidates: ClassVar[tuple[int, ...]] = _of_path(lambda p: p.candidates, "(K,) postures compared at each point")
 
     @property
     def seconds(self) -> float:
