@@ -10,7 +10,7 @@ import pytest
 
 import posture_opt as po
 from tests.helpers.free_arms import BASE, SIX, TOOL, TWO, hidden_errors, problem_of, rows, simulated_points
-from tests.helpers.real_arms import DATA, needs_real_arms
+from tests.helpers.real_arms import DATA, long_on_real_arms, needs_real_arms
 
 
 @pytest.fixture(scope="module")
@@ -103,7 +103,7 @@ def load(folder: str, file: str, problem: str = "problem.yaml") -> tuple[Any, Ca
     return loaded, lambda name=file: po.read_measurements(DATA / folder / name, loaded)
 
 
-@needs_real_arms
+@long_on_real_arms
 def test_ur5_predicts_another_session() -> None:
     problem, read = load("jacobi_ur5", "grid.csv")
     result = po.calibrate(problem, read("grid.csv"), test=read("random.csv"))

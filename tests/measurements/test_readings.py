@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 import posture_opt as po
 from posture_opt.errors import InputError
-from tests.helpers.real_arms import DATA
+from tests.helpers.real_arms import DATA, long_on_real_arms
 from tests.helpers.simulated_arm import SimulatedArm, shift, turn
 
 P = np.pi / 2
@@ -174,9 +173,8 @@ def test_values_beyond_limits_are_read_a_turn_nearer() -> None:
     assert [one.id for one in data.reading_statements] == ["reading.modulo"]
 
 
+@long_on_real_arms
 def test_real_files_are_not_doubted() -> None:
-    if not Path(DATA).exists():
-        pytest.skip("the measurements of real arms are not here")
     for file in ("ipa_ur10/series_a", "ipa_ur10/series_d", "jacobi_ur5/random", "jacobi_wam/test"):
         problem = po.load_problem(DATA / file.split("/")[0] / "problem.yaml")
         assert po.read_measurements(DATA / f"{file}.csv", problem).better_reading is None
