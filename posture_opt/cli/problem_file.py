@@ -24,14 +24,14 @@ def list_command(as_json: bool, statements: bool) -> None:
 
 
 @click.command("new")
-@click.argument("robot", required=False, type=ROBOT, metavar="PRESET|URDF")
+@click.argument("robot", required=False, type=ROBOT, metavar="PRESET|FILE")
 @click.option("--base-link", metavar="LINK", help="First link of the chain in the URDF file.")
 @click.option("--tip-link", metavar="LINK", help="Last link of the chain in the URDF file.")
 @click.option("--out", type=PATH, metavar="FILE", help="Write it to a file.")
 @click.option("--force", is_flag=True, help="Replace a file that exists.")
 @debug_option
 def new_command(robot: str | None, base_link: str | None, tip_link: str | None, out: Path | None, force: bool) -> None:
-    """Print a commented problem file for a preset or a URDF file, which solves as it is."""
+    """Print a commented problem file for a preset, a URDF or a controller's calibration, which solves as it is."""
     if robot is None:
         raise click.UsageError(f"Name a preset: {', '.join(preset_names())}; or a URDF file.")
     write_text(out, deferred.problem_texts.starter(robot, base_link, tip_link, out, force))
