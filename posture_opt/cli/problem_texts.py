@@ -92,7 +92,7 @@ def starter(robot: str, base_link: str | None, tip_link: str | None, out: Path |
         return starter_text(robot)
     except InputError as error:
         keys = {"base_link": "--base-link", "tip_link": "--tip-link"}
-        what = "FILE" if options.is_robot_file else "PRESET"
+        what = "FILE" if options.is_robot_file or is_file(Path(robot)) else "PRESET"
         named = [replace(i, key=(keys.get(str(i.key[0]) if i.key else "", what),)) for i in error.issues]
         raise InputError(named) from None
 

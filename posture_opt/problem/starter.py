@@ -114,10 +114,11 @@ def starter_text(preset: str, file: str = "") -> str:
 def calibrated_starter_text(file: Path, folder: Path) -> str:
     """The text of a problem file for the preset that a controller's calibration belongs to."""
     own, refusals = calibrated_presets(file)
-    if len(own) != 1:
-        hint = f"write robot: {{kind: preset, name: {own[0] if own else 'NAME'}, file: {file.name}}}"
-        why = refusals[0].issues[0].message if refusals else "it is of no preset"
-        said = f"it is of {either(own)}, and does not say of which" if own else why
+    if not own:
+        raise refusals[0]
+    if len(own) > 1:
+        said = f"it is of {either(own)}, and does not say of which"
+        hint = f"write robot: {{kind: preset, name: {own[0]}, file: {file.name}}}"
         raise InputError(Issue(said, value=str(file), hint=hint))
     return starter_text(own[0], str(file) if file.is_absolute() else Path(os.path.relpath(file, folder)).as_posix())
 

@@ -54,6 +54,8 @@ def nearest_values(nominal: Links, axes: Array, flange: Array) -> dict[str, floa
         if np.abs(gap).max() < _CLOSED:
             return {name: float(v) for name, v in zip(names, x, strict=True) if abs(v) > _CLOSED}
         J = np.column_stack([(gaps(x + step) - gap) / _STEP for step in _STEP * np.eye(len(names))])
+        if not np.isfinite(J).all():
+            break
         x = x - np.linalg.pinv(J, _FREE) @ gap
     raise BadValueError("its axes lie elsewhere than those of the nominal arm", "is it of another arm?")
 

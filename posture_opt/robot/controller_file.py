@@ -18,6 +18,7 @@ from posture_opt.files import content, located, naming
 from posture_opt.robot.axes import axes_of, beside_bodies, nearest_values
 from posture_opt.robot.robot import Factor, Robot, frame_factors
 
+CALIBRATED_MAKERS = ("Universal Robots", "UFACTORY")  # whose files are read; the names of their presets begin so
 _MOST_BYTES = 1_000_000
 _DELTA = re.compile(r"^\s*delta_?(theta|alpha|a|d)\s*=\s*\[([^\]]*)\]", re.IGNORECASE | re.MULTILINE)
 _UR_LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
@@ -69,16 +70,19 @@ def _of_origins(text: str, nominal: Robot) -> dict[str, float]:
         found = yaml.safe_load(text)
     except yaml.YAMLError:
         found = None
-    found = found.get("kinematics", found) if isinstance(found, dict) else {}
-    rows = {name: row for name, row in found.items() if isinstance(row, dict) and {*_ORIGIN} <= {*row}}
-    names = _UR_LINKS if {*_UR_LINKS} == {*rows} else sorted(rows)
+    found = found.get("kinematics", found) if isinstance(found, dict) else None
+    links = found.items() if isinstance(found, dict) else ()
+    rows = {name: row for name, row in links if isinstance(row, dict) and {*_ORIGIN} <= {*row}}
+    names = _UR_LINKS if {*_UR_LINKS} == {*rows} else sorted(rows, key=str)
     if len(names) != nominal.n:
         hint = "a UR's calibration.conf, or a driver's YAML with x, y, z, roll, pitch, yaw of each joint"
         raise BadValueError(f"{len(names)} joints are calibrated here, the arm has {nominal.n}", hint)
     try:
         origins = [[float(rows[name][key]) for key in _ORIGIN] for name in names]
     except (TypeError, ValueError):
-        raise BadValueError("an origin of a joint is no number", "x, y, z in m and roll, pitch, yaw in rad") from None
+        origins = [[math.nan]]
+    if not all(math.isfinite(value) for origin in origins for value in origin):
+        raise BadValueError("an origin of a joint is no number", "x, y, z in m and roll, pitch, yaw in rad")
     factors: list[Factor] = []
     for index, (x, y, z, *rpy) in enumerate(origins):
         factors += [*frame_factors("base", (x, y, z), tuple(rpy)), Factor("rotate", 2, joint=index)]

@@ -16,7 +16,7 @@ from pydantic import Field
 from posture_opt.errors import InputError, Issue, as_given, either, listed
 from posture_opt.files import packaged
 from posture_opt.files import preset_names as preset_names
-from posture_opt.robot.controller_file import controller_values
+from posture_opt.robot.controller_file import CALIBRATED_MAKERS, controller_values
 from posture_opt.robot.corrections import corrections_of, deviated, with_velocities
 from posture_opt.robot.dh import DhRobot
 from posture_opt.robot.format import FrameSpec, RobotFormat
@@ -114,8 +114,10 @@ def calibrated_presets(file: Path) -> tuple[list[str], list[InputError]]:
     found: dict[str, float] = {}
     refusals: list[InputError] = []
     for name in preset_names():
+        arm = load_preset(name)
+        if not arm.name.startswith(CALIBRATED_MAKERS):
+            continue
         try:
-            arm = load_preset(name)
             moved = corrections_of(arm, PresetRobot(name=name, file=str(file.absolute())).nominal(Path()))
         except InputError as error:
             refusals.append(error)
