@@ -21,6 +21,7 @@ Links = tuple[tuple[Factor, ...], ...]  # (n,) the factors of each link
 NEARLY_PARALLEL = 0.17364817766693033  # sin 10 deg
 _STEP = 1e-6  # of a parameter [rad or m], for differences
 _MOST_ROUNDS = 30
+_BODY_M = 0.01  # no body of a calibrated arm is farther from its nominal place
 _CLOSED = 1e-10  # [rad and m] left of axes and flange; double precision leaves 1e-13 at 1 km
 _FREE = 1e-5  # singular values below belong to frames that slide along, or turn about, their axes
 
@@ -61,18 +62,26 @@ def nearest_values(nominal: Links, axes: Array, flange: Array) -> dict[str, floa
 
 
 def beside_bodies(nominal: Robot, values: Mapping[str, float]) -> dict[str, float]:
-    """The same motion from frames that stand near the nominal ones, where ``values`` [rad or m] put one farther away
-    than a tenth of the arm's length, which no error of a body is; else ``values``."""
+    """The same motion from frames that stand near the nominal ones, where ``values`` [rad or m] put frames far from
+    them that later ones take back; else ``values``, as of an arm that was built longer."""
     links = [factor for link in nominal.links for factor in link]
-    far = [
-        f.parameter for f in links if f.kind == "translate" and abs(values.get(f.parameter, 0.0)) > 0.1 * nominal.length
-    ]
-    if not far:
+    lengths = [f.parameter for f in links if f.kind == "translate"]
+
+    def longest(of: Mapping[str, float]) -> float:
+        return max((abs(of.get(name, 0.0)) for name in lengths), default=0.0)
+
+    if longest(values) < _BODY_M:
         return dict(values)
     moved = (replace(f, nominal=f.nominal + values.get(f.parameter, 0.0)) for f in links)
     own = {f.parameter for f in links if f.parameter}
     rest = {name: value for name, value in values.items() if name not in own}
-    return {**rest, **nearest_values(nominal.links, *axes_of(moved))}
+    try:
+        near = nearest_values(nominal.links, *axes_of(moved))
+    except BadValueError:
+        if longest(values) > nominal.length:
+            raise
+        return dict(values)
+    return {**rest, **near} if longest(near) < 0.1 * longest(values) else dict(values)
 
 
 def moved_links(links: Links, values: Mapping[str, float]) -> Links:
