@@ -10,7 +10,7 @@ import numpy as np
 from posture_opt.changes.hypotheses import PRIOR, Hypotheses, visibilities
 from posture_opt.changes.new_rows import NewRows, distinct_rows, log_sum
 from posture_opt.changes.what_changed import RIVAL_SHARE, GrossRow, LikelyChange, Recheck, Verdict
-from posture_opt.errors import InputError, InsufficientDataError, NoSolutionError
+from posture_opt.errors import InputError, InsufficientDataError, Issue, NoSolutionError
 from posture_opt.experiments.measurement_plan import MeasurementPlan
 from posture_opt.experiments.plan_measurements import plan_measurements
 from posture_opt.experiments.possible_changes import PossibleChange
@@ -107,7 +107,7 @@ def recheck(problem: ProblemData, data: Measurements, *, seed: int | None = None
         likeliest first.
 
     Raises:
-        InputError: measurements of several robots.
+        InputError: measurements of several robots; no joint, and no frame that is stated.
         InsufficientDataError: fewer than four postures.
 
     Source: Kass, Raftery (1995), Bayes factors; Liang et al. (2008), mixtures of g priors.
@@ -130,6 +130,9 @@ def recheck(problem: ProblemData, data: Measurements, *, seed: int | None = None
             "'optimize-posture plan-measurements --for recheck --count 10' chooses them"
         )
     rows = distinct_rows(NewRows.of(problem, data))
+    if not rows.moving:
+        hint = "name the file that calibrate wrote, where the frames are stated"
+        raise InputError(Issue("base and tool are free: nothing is left that can have changed", ("robot",), hint=hint))
     models, kept = without_gross_rows(rows)
     used = data.take(kept)
     found = models.probabilities

@@ -54,11 +54,13 @@ class Reading:
 
 def joint_readings(robot: Robot, columns: dict[str, Column], idle: set[int]) -> Iterator[Reading]:
     """Signs, exchanged columns, zeros alone and two at a time, couplings with and without a sign."""
-    names, turns = robot.joint_names, [i for i, joint in enumerate(robot.joints) if joint.type == "revolute"]
-    for i, name in enumerate(names):
-        line = f"data: {{joint_signs: {{{name}: -1}}}}"
-        yield _of_joints("sign", f"{name} counts in the opposite direction", line, name, {i: (i, -1.0, 0.0)})
-    for i, j in combinations(range(robot.n), 2):
+    names = robot.joint_names
+    written = [i for i, name in enumerate(names) if name in columns]  # the turns of a flange have no columns
+    turns = [i for i in written if robot.joints[i].type == "revolute"]
+    for i in written:
+        line, what = f"data: {{joint_signs: {{{names[i]}: -1}}}}", f"{names[i]} counts in the opposite direction"
+        yield _of_joints("sign", what, line, names[i], {i: (i, -1.0, 0.0)})
+    for i, j in combinations(written, 2):
         if robot.joints[i].type == robot.joints[j].type:
             a, b = names[i], names[j]
             pair = f'{a}: "{b} [{columns[b].unit}]", {b}: "{a} [{columns[a].unit}]"'
@@ -77,7 +79,8 @@ def joint_readings(robot: Robot, columns: dict[str, Column], idle: set[int]) -> 
 
 def coupling_readings(robot: Robot) -> Iterator[Reading]:
     """``q_b ← sign · q_b + ratio · q_a`` of all pairs of turning joints; with the sign +1 it is a coupling."""
-    names, turns = robot.joint_names, [i for i, joint in enumerate(robot.joints) if joint.type == "revolute"]
+    joints = () if robot.pose_prefix else robot.joints  # a flange has none
+    names, turns = robot.joint_names, [i for i, joint in enumerate(joints) if joint.type == "revolute"]
     for (a, b), sign, ratio in product(permutations(turns, 2), (1.0, -1.0), (1.0, -1.0)):
         pair = f"joint: {names[b]}, follows: {names[a]}"
         effect = f"effects: [{{kind: joint_coupling, {pair}, estimate: {{ratio: {ratio:g}}}}}]"
@@ -105,7 +108,8 @@ def unit_readings(robot: Robot, columns: dict[str, Column], q: Array) -> Iterato
         ("mm", "m", 1e3, "prismatic"),
         ("m", "mm", 1e-3, "prismatic"),
     ):
-        those = [j for j, joint in enumerate(robot.joints) if joint.type == kind and columns[names[j]].unit == stated]
+        own = [(j, columns[name]) for j, name in enumerate(names) if name in columns and robot.joints[j].type == kind]
+        those = [j for j, column in own if column.unit == stated]
         for some in dict.fromkeys([tuple(those), *((j,) for j in those)]):
             beyond = any(q[:, j].max() > robot.upper[j] or q[:, j].min() < robot.lower[j] for j in some)
             if some and (factor > 1 or beyond):  # numbers too large for their unit leave the limits

@@ -96,6 +96,13 @@ def test_a_camera_on_the_flange_is_found_from_poses_of_a_board(tmp_path: Path) -
     assert again.robot.tool[0].nominal == pytest.approx(found_at(calibration, "tool.x")[0] / 1e3, abs=1e-9)
     recheck = po.recheck(again, po.read_measurements(table, again)).to_json()
     assert recheck["statements"][0]["id"] == "changes.unchanged"
+    with pytest.raises(po.errors.InputError, match="nothing is left"):
+        po.recheck(problem, po.read_measurements(table, problem))
+    exchanged = {**table, "flange_x [mm]": table["flange_y [mm]"], "flange_y [mm]": table["flange_x [mm]"]}
+    metres = {**table, "flange_x [mm]": [value / 1e3 for value in table["flange_x [mm]"]]}
+    for wrong, said in ((exchanged, "flange_x and flange_y are exchanged"), (metres, "numbers of flange_x are m")):
+        with pytest.raises(po.errors.InputError, match=said):
+            po.read_measurements(wrong, problem)
     plan = po.plan_measurements(problem, 6, given=po.read_measurements(table, problem), candidates=200)
     for k, axis in enumerate("xyz"):
         planned = [row[f"flange_{axis}"] for row in plan.postures]
