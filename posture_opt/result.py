@@ -78,7 +78,7 @@ class Result(Summarised, ABC):
         return figure
 
     def to_dataframe(self) -> Any:
-        """The main table of this result as a pandas ``DataFrame``; the unit of a column stands in its name.
+        """The main table of this result as a pandas ``DataFrame``; the name of a column ends with its unit.
 
         Raises:
             InputError: pandas is not installed.

@@ -209,10 +209,10 @@ def _report_error(error: BaseException, debug: bool, as_json: bool) -> int:
     try:
         if as_json and not solved and isinstance(error, PostureOptError | click.ClickException):
             if isinstance(error, click.ClickException):
-                told: PostureOptError = InputError(Issue(error.format_message(), id="input.usage"))
+                reported: PostureOptError = InputError(Issue(error.format_message(), id="input.usage"))
             else:
-                told = error
-            click.echo(json.dumps(told.to_json(), indent=2, ensure_ascii=False))
+                reported = error
+            click.echo(json.dumps(reported.to_json(), indent=2, ensure_ascii=False))
         return _exit_code(error, debug)
     except OSError:
         discard(sys.stderr)

@@ -31,8 +31,8 @@ def scene_obstacles(folder: Path, file: str) -> tuple[Obstacle, ...]:
         text = content(located(folder, file), 10_000_000).decode("utf-8", "replace")  # bytes
         return tuple(_SceneReader(text.splitlines()).obstacles())
     except InputError as error:
-        told = [(f"line {i.line}: {i.message}" if i.line else i.message, i.hint) for i in error.issues]
-        raise InputError([Issue(message, ("scene",), file, hint) for message, hint in told]) from None
+        texts = [(f"line {i.line}: {i.message}" if i.line else i.message, i.hint) for i in error.issues]
+        raise InputError([Issue(message, ("scene",), file, hint) for message, hint in texts]) from None
 
 
 @dataclass

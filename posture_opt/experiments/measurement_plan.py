@@ -76,7 +76,7 @@ class MeasurementPlan(Result):
         sigma: the instrument's, of a coordinate [m]; ``sigma_rotation`` [rad], 0 where orientations are not measured.
         keeps_height: whether the task, the box or the arm itself keeps the postures from reaching below the table.
         targets: the points on the tool that are measured at each posture; empty for one.
-        columns: column of the file -> (count,) what stands there: the plane, anchor, point or camera of each posture,
+        columns: column of the file -> (count,) its values: the plane, anchor, point or camera of each posture,
             and where a file mixes instruments, which of them; empty of positions.
         columns_by_row: the same where a posture has several rows, as one for each marker that a camera sees: the cells
             of all rows of each posture.

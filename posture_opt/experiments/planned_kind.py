@@ -181,7 +181,7 @@ class KindPlaces:
         return q[:, self.robot.n :]
 
     def columns(self, q: Array) -> dict[str, tuple[str, ...]]:
-        """Column of the file of measurements -> what stands there beside the joints of each posture (N, w)."""
+        """Column of the file of measurements -> its values (N, w) at each posture, the joints left out."""
         if not self.kind.label:
             return {}
         place, _ = self.offered(q)

@@ -212,13 +212,15 @@ def with_arrivals(problem: ProblemData, stops: Sequence[Stop]) -> tuple[list[Sto
         if wrong.any() and stop.move.line:
             on_lines.append(stop.label)
         elif wrong.any():
-            told, side = side_words(problem, stop.sides, wrong), np.where(wrong, stop.sides, 0.0)
+            sides_text, side = side_words(problem, stop.sides, wrong), np.where(wrong, stop.sides, 0.0)
             start = _clear_start(problem, stop.q, side * run)
             came = np.where(wrong, stop.sides, came)
             if start is None:
-                notes.append(f"Before {stop.label}: drive so that {told} arrives; no stop in front of it is clear.")
+                notes.append(
+                    f"Before {stop.label}: drive so that {sides_text} arrives; no stop in front of it is clear."
+                )
             else:
-                rows.append(Stop(start, f"before {stop.label}: {told}".strip(), Move(waits=False), 0.0 * side))
+                rows.append(Stop(start, f"before {stop.label}: {sides_text}".strip(), Move(waits=False), 0.0 * side))
         rows.append(stop)
     if on_lines:
         notes.append(f"Joints come to {listed(on_lines)} from another side than the answer holds for.")

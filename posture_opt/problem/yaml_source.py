@@ -147,7 +147,7 @@ def _yaml_issue(error: yaml.MarkedYAMLError, text: str, file: str) -> Issue:
     elif "expected <block end>" in problem:
         hint = "is the line indented like its neighbours?"
     elif "undefined alias" in problem:
-        hint = "a text that begins with * or & stands in quotes"
+        hint = "put a text that begins with * or & in quotes"
     return Issue(f"not YAML: {problem}" + (f", at '{here[:60]}'" if here else ""), (), None, hint, file, line)
 
 

@@ -45,8 +45,7 @@ def nearest_values(nominal: Links, axes: Array, flange: Array) -> dict[str, floa
     names = [factor.parameter for factor in factors if factor.parameter]
 
     def gaps(x: Array) -> Array:
-        values = dict(zip(names, x.tolist(), strict=True))
-        own, end = axes_of(replace(f, nominal=f.nominal + values.get(f.parameter, 0.0)) for f in factors)
+        own, end = axes_of(moved_factors(factors, dict(zip(names, x.tolist(), strict=True))))
         return np.concatenate(((own - axes).ravel(), (end - flange)[:3].ravel()))
 
     x = np.zeros(len(names))
@@ -72,11 +71,10 @@ def beside_bodies(nominal: Robot, values: Mapping[str, float]) -> dict[str, floa
 
     if longest(values) < _BODY_M:
         return dict(values)
-    moved = (replace(f, nominal=f.nominal + values.get(f.parameter, 0.0)) for f in links)
     own = {f.parameter for f in links if f.parameter}
     rest = {name: value for name, value in values.items() if name not in own}
     try:
-        near = nearest_values(nominal.links, *axes_of(moved))
+        near = nearest_values(nominal.links, *axes_of(moved_factors(links, values)))
     except BadValueError:
         if longest(values) > nominal.length:
             raise
@@ -84,6 +82,6 @@ def beside_bodies(nominal: Robot, values: Mapping[str, float]) -> dict[str, floa
     return {**rest, **near} if longest(near) < 0.1 * longest(values) else dict(values)
 
 
-def moved_links(links: Links, values: Mapping[str, float]) -> Links:
-    """The links with ``values`` [rad or m] added to their parameters."""
-    return tuple(tuple(replace(f, nominal=f.nominal + values.get(f.parameter, 0.0)) for f in link) for link in links)
+def moved_factors(factors: Iterable[Factor], values: Mapping[str, float]) -> tuple[Factor, ...]:
+    """The factors with ``values`` [rad or m] added to their parameters."""
+    return tuple(replace(f, nominal=f.nominal + values.get(f.parameter, 0.0)) for f in factors)

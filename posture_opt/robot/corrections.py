@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Literal
 
 from posture_opt.errors import BadValueError, InputError, Issue, did_you_mean, listed, nearest
-from posture_opt.robot.axes import NEARLY_PARALLEL, beside_bodies
+from posture_opt.robot.axes import NEARLY_PARALLEL, beside_bodies, moved_factors
 from posture_opt.robot.robot import Factor, Joint, Robot
 from posture_opt.units import parse_quantity
 
@@ -34,16 +34,12 @@ def corrected(robot: Robot, corrections: Mapping[str, object]) -> Robot:
 def deviated(robot: Robot, values: Mapping[str, float], former: Mapping[str, float] | None = None) -> Robot:
     """The arm off its values in ``robot`` by ``values`` [rad or m]; with ``former`` corrections, only the sum of both
     leans and shifts its axes, so that a correction taken back leaves no ``skew`` or ``lift``."""
-
-    def moved(factors: tuple[Factor, ...]) -> tuple[Factor, ...]:
-        return tuple(replace(f, nominal=f.nominal + values.get(f.parameter, 0.0)) for f in factors)
-
-    links = tuple(moved(link) for link in robot.links)
+    base, *links, tool = (moved_factors(part, values) for part in (robot.base, *robot.links, robot.tool))
     former = former or {}
     total = {name: former.get(name, 0.0) + values.get(name, 0.0) for name in {**former, **values}}
     skew = robot.skew + _axis_displacement(robot, total, "rotate") - _axis_displacement(robot, former, "rotate")
     lift = robot.lift + _axis_displacement(robot, total, "translate") - _axis_displacement(robot, former, "translate")
-    return replace(robot, base=moved(robot.base), links=links, tool=moved(robot.tool), skew=skew, lift=lift)
+    return replace(robot, base=base, links=tuple(links), tool=tool, skew=skew, lift=lift)
 
 
 def _axis_displacement(robot: Robot, values: Mapping[str, float], kind: Literal["rotate", "translate"]) -> float:

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from posture_opt.numerics import Array
-from posture_opt.robot.axes import NEARLY_PARALLEL, Links, axes_of, moved_links, nearest_values
+from posture_opt.robot.axes import NEARLY_PARALLEL, Links, axes_of, moved_factors, nearest_values
 from posture_opt.robot.format import JointSpec, TableRobot
 from posture_opt.robot.robot import Factor
 from posture_opt.robot.shape_section import factor_transform, product_of
@@ -47,8 +47,9 @@ class DhRobot(TableRobot):
             return links
         axes, flange = axes_of(factor for link in links for factor in link)
         values = _beside_axes(self.joints, rows, axes)
-        guess = moved_links(links, values)
-        return moved_links(guess, nearest_values(guess, axes, flange))
+        guess = tuple(moved_factors(link, values) for link in links)
+        closer = nearest_values(guess, axes, flange)
+        return tuple(moved_factors(link, closer) for link in guess)
 
 
 def _beside_axes(joints: tuple[JointSpec, ...], rows: list[int], axes: Array) -> dict[str, float]:

@@ -38,7 +38,7 @@ class Entry:
 
     Args:
         severity: how grave it is; ``text`` the template of its sentence.
-        label: what stands before it in a list, mostly one word; empty where the sentence stands alone.
+        label: text in front of it in a list, mostly one word; may be empty.
         section: the part of the report where it belongs when it is not on the first screen.
     """
 
@@ -129,7 +129,7 @@ class Statement:
 
     @property
     def label(self) -> str:
-        """What stands before the sentence in a list; empty where it stands alone."""
+        """Text in front of the sentence in a list; may be empty."""
         return self.entry.label
 
     def to_json(self) -> dict[str, Json]:

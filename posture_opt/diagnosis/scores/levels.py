@@ -2,7 +2,7 @@
 
 Ablation A and B are the two tables of ``docs/concepts/ablation.md``, on simulated arms whose simulator shares no code
 with this package and whose draws chose no value; "no change": verdict, causes, rivals and statuses stay the same.
-What is used in one place stands there.
+A level that is used in one place is defined there.
 """
 
 from __future__ import annotations

@@ -105,7 +105,7 @@ class Presenter(SummaryPresenter[R]):
 
     @property
     def problem_file(self) -> str:
-        """What stands at the end of the page: the text of the problem file; empty where there is no one file."""
+        """The end of the page: the text of the problem file; empty where there is no one file."""
         return self.problem.to_yaml()
 
     def summary(self) -> Summary:

@@ -47,10 +47,10 @@ def _confirmed(solution: Solution) -> Solution:
     assert solution.engine is not None
     given = solution.engine.candidates(solution.q[None], solution.target)[0]
     (best, *_), said = confirmed(solution.engine, [given], solution.target, solution.problem.scene)
-    told = replace(solution, statistics=replace(solution.statistics, confirmation=said))
+    answer = replace(solution, statistics=replace(solution.statistics, confirmation=said))
     if said is not None and said.refutes:
-        return replace(told, status="feasible")
-    return replace(told, q=best.q, ended=np.vstack([best.q, solution.ended[1:]])) if said and said.taken else told
+        return replace(answer, status="feasible")
+    return replace(answer, q=best.q, ended=np.vstack([best.q, solution.ended[1:]])) if said and said.taken else answer
 
 
 def postures_together(
