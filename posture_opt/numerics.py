@@ -94,9 +94,10 @@ def linked(points: Array, reach: float) -> Codes:
 
 def stacked_rows(vector: Sequence[Any], n: int) -> Array:
     """(n, m) rows of a vector whose m entries are numbers, or arrays (n,) of one number a row."""
-    if not len(vector):
-        return np.zeros((n, 0))
-    return np.stack([np.broadcast_to(np.asarray(entry, dtype=float), (n,)) for entry in vector], axis=-1)
+    rows = np.empty((n, len(vector)))
+    for k, entry in enumerate(vector):
+        rows[:, k] = entry
+    return rows
 
 
 class DerivedAgain:

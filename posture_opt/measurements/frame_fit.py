@@ -92,6 +92,22 @@ def frame_fit(sample: Sample, scaled: bool = False, rounds: int = 5) -> FrameFit
     return FrameFit(max(scatter, _LEAST_SCATTER), left, turned, strain, float(np.linalg.norm(state.t)), state.scale)
 
 
+def start_misfit(sample: Sample, p: Array, R: Array) -> float:
+    """What frames in closed form leave of p (m, 3) [m] and R (m, 3, 3) of the nominal arm, in units of an arm's
+    tolerances."""
+    assert sample.position is not None, "a start has no closed form for touches"
+    M = None if sample.rotation is None else rotation_matrices(sample.rotation)
+    B, T, t = _closed_turns(sample, p, R, sample.position, M)
+    columns = np.concatenate([np.broadcast_to(np.eye(3), R.shape), B @ R], axis=2)[:, sample.axes]
+    error = (sample.position - (p + R @ t) @ B.T)[:, sample.axes]
+    free = [*range(3 * sample.base_free), *range(3, 3 + 3 * sample.tool_free)]
+    A = columns[:, :, free].reshape(-1, len(free))
+    left = error - (A @ np.linalg.lstsq(A, error.ravel())[0]).reshape(error.shape)
+    turned = np.zeros((len(p), 0)) if M is None else rotation_vectors(B @ R @ T @ np.swapaxes(M, 1, 2))
+    both = np.concatenate([left / _TOLERANCE_M, turned / _TOLERANCE_RAD], axis=1)
+    return _robust(np.linalg.norm(both, axis=1), both.shape[1])
+
+
 @dataclass(frozen=True, eq=False)
 class _State:
     """The unknowns of one fit, as in `frame_fit`, and what does not change with them."""

@@ -10,7 +10,7 @@ from itertools import combinations, permutations, product
 import numpy as np
 
 from posture_opt.measurements.columns import AXES, Column
-from posture_opt.measurements.frame_fit import FrameFit, Sample, frame_fit
+from posture_opt.measurements.frame_fit import FrameFit, Sample, frame_fit, start_misfit
 from posture_opt.measurements.measurements import (
     BetterReading,
     Measurements,
@@ -279,16 +279,19 @@ def _screened(tried: list[tuple[Reading, Sample]]) -> list[tuple[Reading, Sample
         return []
     m, robot = len(tried[0][1].q), tried[0][1].robot
     poses = nominal_poses(robot, np.concatenate([read.q for _, read in tried]))
-    p, R = poses[0].reshape(-1, m, 3), poses[1].reshape(-1, m, 9)
-    misfits = [_linear_misfit(read, p[k], R[k]) for k, (_, read) in enumerate(tried)]
+    p, R = poses[0].reshape(-1, m, 3), poses[1].reshape(-1, m, 3, 3)
     # A linear map of 13 columns says something from twice as many rows on.
-    order = np.argsort(misfits, kind="stable")[: 40 if m > 26 else None]
+    few, touched = m <= 26, tried[0][1].position is None
+    misfit = start_misfit if few and not touched else _linear_misfit
+    misfits = [misfit(read, p[k], R[k]) for k, (_, read) in enumerate(tried)]
+    order = np.argsort(misfits, kind="stable")[: None if few and touched else 40]
     chosen = {*map(int, order), *(k for k, (r, _) in enumerate(tried) if r.scale)}
     return [tried[k] for k in sorted(chosen)]
 
 
 def _linear_misfit(read: Sample, p: Array, R: Array) -> float:
-    """Sum of squares that a linear map from 1, p (m, 3) and R (m, 9) leaves of what was measured."""
+    """Sum of squares that a linear map from 1, p (m, 3) and R (m, 3, 3) leaves of what was measured."""
+    R = R.reshape(-1, 9)
     if read.position is None:
         codes = np.unique(read.point, return_inverse=True)[1]
         flat = np.concatenate([p, R], axis=1)

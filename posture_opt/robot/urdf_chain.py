@@ -41,8 +41,8 @@ class UrdfChain:
 
     def robot(self, section: RobotFormat) -> Robot:
         """The chain in numbers, with the shape and the velocities that a section states."""
-        tree, file = self.tree, self._path
-        path = self._joints()
+        file, tree = self._path, self.tree.with_held(self._joints())
+        path = tree.path(self.base, self.tip.link)
         if issues := [*_chain_faults(path)]:
             raise InputError([in_urdf(issue, file) for issue in issues])
         segments = segments_of(path)
@@ -218,8 +218,13 @@ def _chain_faults(path: list[UrdfJoint]) -> Iterator[Issue]:
 def _check_joint(joint: UrdfJoint) -> None:
     name, chain = f"joint '{joint.name}'", f"only {', '.join(_MOVING_TYPES)} and fixed joints can be in the chain"
     if joint.mimics:
+        ratio, offset = joint.follows
+        unit = "m" if joint.type == "prismatic" else "rad"
+        pair = f"joint: {joint.name}, follows: {joint.mimics}"
+        coupling = f"effects: [{{kind: joint_coupling, {pair}, estimate: {{ratio: {ratio:g}}}}}]"
+        lines = f"{coupling} and subject_to: [{{kind: fixed_joints, values: {{{joint.name}: {offset:g} {unit}}}}}]"
         message = f"{name} mimics '{joint.mimics}': coupled joints cannot be in the chain"
-        raise BadValueError(message, "choose another tip_link")
+        raise BadValueError(message, f"choose another tip_link, or delete its <mimic> and write {lines}")
     if joint.type not in _MOVING_TYPES:
         raise BadValueError(f"{name} {f'is {joint.type}' if joint.type else 'has no type'}", chain)
     check_joint_name(joint.name)
@@ -247,6 +252,8 @@ def _notes(path: list[UrdfJoint], length: float) -> Iterator[str]:
     """What was assumed of a chain, and what no arm has: numbers in another unit than URDF's m and rad."""
     for joint in path:
         limits = _joint_limits(joint)
+        if joint.type == "fixed" and joint.mimics:
+            yield f"joint {joint.name} mimics {joint.mimics}, which is not in the chain: held at {joint.follows[1]:g}"
         if any(abs(angle) > TURN for angle in joint.rpy):
             yield f"joint {joint.name} is turned by rpy {' '.join(f'{v:g}' for v in joint.rpy)} rad: are these degrees?"
         if joint.type == "revolute" and joint.lower is None:

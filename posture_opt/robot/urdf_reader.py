@@ -180,6 +180,7 @@ class _UrdfReader:
         limit, mimic = element.first("limit"), element.first("mimic")
         axis, safety = element.first("axis"), element.first("safety_controller")
         soft = [self._one_number(safety, f"soft_{end}_limit", owner) for end in ("lower", "upper")]
+        multiplier = self._one_number(mimic, "multiplier", owner)
         roll, pitch, yaw = self._three_numbers(element.first("origin"), "rpy", owner).tolist()
         return UrdfJoint(
             name=name,
@@ -198,6 +199,7 @@ class _UrdfReader:
             velocity=self._one_number(limit, "velocity", owner),
             effort=self._one_number(limit, "effort", owner),
             mimics=mimic.attributes.get("joint", "another joint") if mimic else "",
+            follows=(1.0 if multiplier is None else multiplier, self._one_number(mimic, "offset", owner) or 0.0),
             soft=(-math.inf if soft[0] is None else soft[0], math.inf if soft[1] is None else soft[1]),
             rising=self._one_number(element.first("calibration"), "rising", owner),
             line=element.line,

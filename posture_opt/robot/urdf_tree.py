@@ -6,7 +6,7 @@ import math
 import re
 from collections import Counter, defaultdict
 from collections.abc import Container, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
@@ -33,9 +33,21 @@ class UrdfJoint:
     velocity: float | None
     effort: float | None
     mimics: str  # the joint that this one follows, or an empty text
+    follows: tuple[float, float]  # multiplier and offset [rad or m] of what it follows
     soft: tuple[float, float]  # what its controller allows of these limits; infinite where the file has nothing
     rising: float | None  # where its reference switch is, which some calibrations write their offset into
     line: int  # where in the file it begins
+
+    def fixed_at_zero(self) -> UrdfJoint:
+        """A fixed joint at the offset of its ``<mimic>``: ``origin · Trans(u v)`` or ``origin · Rot(u, v)``."""
+        from scipy.spatial.transform import Rotation
+
+        T, by = np.eye(4), self.follows[1] * self.axis / (np.linalg.norm(self.axis) or 1.0)
+        if self.type == "prismatic":
+            T[:3, 3] = by
+        else:
+            T[:3, :3] = Rotation.from_rotvec(by).as_matrix()
+        return replace(self, type="fixed", origin=self.origin @ T)
 
 
 @dataclass(frozen=True)
@@ -117,6 +129,12 @@ class UrdfTree:
     def moving(self, base: str, tip: str) -> list[UrdfJoint]:
         """The joints of `path` that move."""
         return [joint for joint in self.path(base, tip) if joint.type != "fixed"]
+
+    def with_held(self, path: list[UrdfJoint]) -> UrdfTree:
+        """Joints of a path that mimic one outside of it are fixed where they are while that one is at zero."""
+        driven = {joint.name for joint in path}
+        held = {joint.name for joint in path if joint.mimics and joint.mimics not in driven}
+        return replace(self, joints=tuple(j.fixed_at_zero() if j.name in held else j for j in self.joints))
 
     def require(self, link: str, key: str) -> None:
         """Refuse a link that the file does not have."""

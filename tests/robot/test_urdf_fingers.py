@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import posture_opt as po
@@ -17,8 +18,7 @@ ARM = tuple((f"j{k}", "revolute", f"l{k - 1}", f"l{k}", "-2 2", "") for k in ran
 """name, type, parent, child, limits, joint that it mimics"""
 
 
-def tip_of(folder: Path, rows: Sequence[tuple[str, ...]]) -> tuple[str, int]:
-    """The last link of the chain that is chosen, and how many joints it has."""
+def write_urdf(folder: Path, rows: Sequence[tuple[str, ...]]) -> None:
     links = dict.fromkeys(name for row in rows for name in row[2:4])
     bodies = "".join(f'<link name="{name}"/>' for name in links)
     joints = ""
@@ -26,8 +26,13 @@ def tip_of(folder: Path, rows: Sequence[tuple[str, ...]]) -> tuple[str, int]:
         lower, upper = limits.split()
         joints += f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
         joints += f'<origin xyz="0 0.1 0.2"/><axis xyz="0 0 1"/><limit lower="{lower}" upper="{upper}"/>'
-        joints += (f'<mimic joint="{mimics}"/>' if mimics else "") + "</joint>"
+        joints += (f'<mimic joint="{mimics}" offset="0.3"/>' if mimics else "") + "</joint>"
     (folder / "arm.urdf").write_text(f'<robot name="r">{bodies}{joints}</robot>', encoding="utf-8")
+
+
+def tip_of(folder: Path, rows: Sequence[tuple[str, ...]]) -> tuple[str, int]:
+    """The last link of the chain that is chosen, and how many joints it has."""
+    write_urdf(folder, rows)
     robot = UrdfRobot(file="arm.urdf").build(folder)
     return dict(robot.sources)["tip_link"], robot.n
 
@@ -88,8 +93,19 @@ def test_what_is_no_finger_stays_in_the_chain(tmp_path: Path, arm: str) -> None:
 
 def test_a_linkage_that_follows_the_arm_is_no_finger(tmp_path: Path) -> None:
     """The wrist of a palletiser stays level by a mimic joint, which the chain cannot have."""
-    with pytest.raises(po.errors.InputError, match="'level' mimics 'j2'"):
+    with pytest.raises(po.errors.InputError, match=r"'level' mimics 'j2'.*follows: j2, estimate: \{ratio: 1\}"):
         tip_of(tmp_path, (*ARM[:3], ("level", "revolute", "l3", "end", "-2 2", "j2")))
+
+
+def test_a_joint_that_follows_one_outside_of_the_chain_is_held(tmp_path: Path) -> None:
+    write_urdf(tmp_path, (*ARM, ("bent", "revolute", "l6", "tip", "-2 2", "elsewhere")))
+    bent, straight = (UrdfRobot(file="arm.urdf", tip_link=tip).build(tmp_path) for tip in ("tip", "l6"))
+    assert bent.n == straight.n == 6
+    assert "held at 0.3" in str(bent.notes)
+    q = np.linspace(0.1, 0.6, 6)
+    T = np.linalg.inv(po.Arm(straight).pose(q)) @ po.Arm(bent).pose(q)
+    np.testing.assert_allclose(T[:3, 3], [0, 0.1, 0.2], atol=1e-12)
+    np.testing.assert_allclose(np.arctan2(T[1, 0], T[0, 0]), 0.3, atol=1e-12)
 
 
 def test_two_arms_on_one_torso_are_no_fingers(tmp_path: Path) -> None:
