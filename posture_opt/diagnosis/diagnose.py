@@ -211,6 +211,9 @@ def _all_findings(found: Explained, groups: Codes, parts: list[Codes]) -> tuple[
     refuted = [c.cause for c in calibration.contradictions]
     effects = effect_findings(found.names, found.predictive, found.model, groups, found.unrefuted)
     effects = with_plausibility(effects, found.model, found.linearised.sensitivities.state.robot)
+    # Where a joint's errors grow unexplained, its effects take up what they do not have the form of.
+    open_ = {errors.effect.target for errors in found.uneven}
+    effects = [replace(f, determined=f.determined and f.target not in open_) for f in effects]
     return (
         *(f for f in beforehand if isinstance(f.cause, Effect)),
         *sorted((*effects, *map(noise_finding, found.noise)), key=lambda finding: not finding.determined),

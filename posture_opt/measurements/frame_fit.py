@@ -101,7 +101,7 @@ def start_misfit(sample: Sample, p: Array, R: Array) -> float:
     columns = np.concatenate([np.broadcast_to(np.eye(3), R.shape), B @ R], axis=2)[:, sample.axes]
     error = (sample.position - (p + R @ t) @ B.T)[:, sample.axes]
     free = [*range(3 * sample.base_free), *range(3, 3 + 3 * sample.tool_free)]
-    A = columns[:, :, free].reshape(-1, len(free))
+    A = columns[:, :, free].reshape(error.size, len(free))
     left = error - (A @ np.linalg.lstsq(A, error.ravel())[0]).reshape(error.shape)
     turned = np.zeros((len(p), 0)) if M is None else rotation_vectors(B @ R @ T @ np.swapaxes(M, 1, 2))
     both = np.concatenate([left / _TOLERANCE_M, turned / _TOLERANCE_RAD], axis=1)

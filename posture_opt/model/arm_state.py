@@ -127,7 +127,13 @@ class ArmState:
             for i, joint in enumerate(self.robot.joints)
             if math.isfinite(joint.mass) and joint.mass > 0 and all(map(math.isfinite, joint.com))
         ]
-        return (*links, (self.robot.n - 1, self.inputs.payload, self.tool))
+        return (*links, (self.robot.n - 1, self.inputs.payload, self.payload_centre))
+
+    @cached_property
+    def payload_centre(self) -> Vector:
+        """Of the payload, in the world [m]."""
+        local = self.robot.payload_centre
+        return _placed(self.walk, local) if any(local) else self.tool
 
     def torque(self, joint: int) -> Scalar:
         """Gravity on a joint [N m, or N]: ``τ_j = Σ_k m_k (a_j × (x_k − o_j)) · g`` over its loads, ``a_j · g`` of a
@@ -140,7 +146,7 @@ class ArmState:
 
     def payload_torque(self, joint: int) -> Scalar:
         """The payload's part of `torque` [N m, or N]."""
-        return self.inputs.payload * self.unit_torque(joint, self.tool)
+        return self.inputs.payload * self.unit_torque(joint, self.payload_centre)
 
     def unit_torque(self, joint: int, place: Vector) -> Scalar:
         """The generalised force [N m, or N] on a joint of 1 kg at a place (3,) of the world [m]."""

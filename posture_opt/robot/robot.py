@@ -130,7 +130,7 @@ class Robot:
         joints: (n,) from the base to the tool.
         links: (n,) the factors of each link, the one with the joint variable among them.
         base: factors of ``T_world_base``; ``tool``: factors of ``T_flange_tool``.
-        payload: mass at the tool point [kg].
+        payload: mass [kg], and ``payload_centre`` (3,) its centre in the axes of the tool, from the tool point [m].
         gravity: (3,) acceleration [m/s²], world axes; it points down.
         repeatability: of the data sheet; None where none is stated.
         base_free, tool_free: whether the frame is to be found from measurements.
@@ -162,6 +162,7 @@ class Robot:
     base: tuple[Factor, ...] = ()
     tool: tuple[Factor, ...] = ()
     payload: float = 0.0
+    payload_centre: Point = (0.0, 0.0, 0.0)
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
     repeatability: Repeatability | None = None
     base_free: bool = False

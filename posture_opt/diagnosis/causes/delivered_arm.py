@@ -173,7 +173,7 @@ def deliver_arm(
         fit, errors, kept = calibration.fit, held["nominal" if nominal else "calibrated"], []
     if kept:
         own = _of_kept(model, deviations, fit, {i: sure[i] for i in kept})
-        fit = with_mass_errors(with_choice_errors(fit, own))
+        fit = with_mass_errors(with_choice_errors(fit, own), of_payload=False)
     together = tuple(i for k, i in enumerate(kept) if len(stated_parts(fit, k)) < len(fit.effects[k].size_parts))
     dropped = tuple(i for i in stays if i not in kept)
     return Delivery(fit, errors, tuple(kept), session, vague, dropped, together, nominal)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +14,7 @@ from posture_opt.diagnosis.search.nested_selection import NestedSelection
 from posture_opt.model.effects import Effect
 from posture_opt.model.effects.base.joint_effect import GravityLoaded
 from posture_opt.numerics import Array, Codes
+from posture_opt.robot.robot import Robot
 
 
 def is_determined(values: Array, covariance: Array, columns: Array | None = None) -> bool:
@@ -191,12 +192,17 @@ def _set_parameters(model: Fit, place: int, moved: Array, x: Array) -> None:
         x[shape] = model.x[shape] + found[sizes]
 
 
-def with_mass_errors(fit: Fit) -> Fit:
-    """Add the errors of stated masses to the covariance of an estimate: ``C + Σ_k s_k s_kᵀ``.
+# Relative standard deviation of the mass of a link: cables, covers and grease are in no table of the maker
+_MASS_SIGMA = 0.05
+_CENTRE_SIGMA = 0.1  # m, of a payload's centre along each axis of the tool: no file states it
 
-    ``s_k = −σ A⁺ ∂(Z θ)/∂ln m_k`` with A all columns of the fit and Z those of the effects that rest on masses, of size
-    θ: parameters that are not estimated, but considered. Where payloads differ, these determine the sizes, and s_k is
-    small. σ is 5 %, a choice: cables, covers and grease are in no table of the maker.
+
+def with_mass_errors(fit: Fit, of_payload: bool = True) -> Fit:
+    """Add the errors of masses and of the payload's centre to the covariance of an estimate: ``C + Σ_k s_k s_kᵀ``.
+
+    ``s_k = −σ A⁺ ∂(Z θ)/∂m_k`` with A all columns of the fit and Z those of the effects that rest on masses, of size
+    θ: parameters that are not estimated, but considered. Where payloads differ, these determine the sizes, and s_k of
+    the links is small. An arm that carries the same payload again needs no error of its centre.
 
     Source: Tapley, Schutz, Born (2004), Statistical Orbit Determination, section 6.2.
     """
@@ -206,16 +212,25 @@ def with_mass_errors(fit: Fit) -> Fit:
     A, inverse = fit.jacobian @ fit.directions, np.linalg.pinv(fit.minimum.R, rcond=1e-14)
     robot, now = fit.residuals.robot, _shift(fit, fit, loaded)
     steps = []
-    for k, joint in enumerate(robot.joints):
-        if not joint.mass > 0:
-            continue
-        # Columns are linear in a mass but for the lost motion of a load: a step of 10 % serves.
-        joints = (*robot.joints[:k], replace(joint, mass=1.1 * joint.mass), *robot.joints[k + 1 :])
-        heavier = fit.residuals.of_robot(replace(robot, joints=joints), fit.residuals.parameters)
-        change = (_shift(fit, replace(fit, residuals=heavier), loaded) - now) * 0.05 / 0.1
+    for other, sigmas in _other_loads(robot, of_payload):
+        loads = fit.residuals.of_robot(other, fit.residuals.parameters)
+        change = (_shift(fit, replace(fit, residuals=loads), loaded) - now) * sigmas
         steps.append(-inverse @ (inverse.T @ (A.T @ change)))
     S = np.array(steps).reshape(len(steps), A.shape[1])
     return replace(fit, C=fit.C + S.T @ S)
+
+
+def _other_loads(robot: Robot, of_payload: bool) -> Iterator[tuple[Robot, float]]:
+    """The arm with one load changed by a step, and the standard deviation of that load in such steps.
+
+    Columns are linear in a load but for the lost motion of one: a step of 10 %, or 0.1 m, serves.
+    """
+    for k, joint in enumerate(robot.joints):
+        if joint.mass > 0:
+            joints = (*robot.joints[:k], replace(joint, mass=1.1 * joint.mass), *robot.joints[k + 1 :])
+            yield replace(robot, joints=joints), _MASS_SIGMA / 0.1
+    for x, y, z in np.eye(3).tolist() if of_payload else ():
+        yield replace(robot, payload_centre=(0.1 * x, 0.1 * y, 0.1 * z)), _CENTRE_SIGMA / 0.1
 
 
 def _shift(fit: Fit, loads: Fit, effects: list[int]) -> Array:
