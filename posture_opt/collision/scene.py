@@ -88,7 +88,8 @@ class Scene:
         # So much of the tool in front of its point touches the target, leaning up to 60 deg from its normal.
         free_end = 0.0 if guessed else 2.0 * (tool_radius(robot) + asked.clearance)
         stated = stand_ins + robot.shape
-        capsules = stated + (tool_capsule(robot, free_end) if stated else ())
+        tool = tool_capsule(robot, free_end) if stated else ()
+        capsules = stated + tuple(part for whole in tool for part in _beyond_wrist(robot, robot.shape, whole))
         placed = PlacedCapsules(robot, capsules)
         known = 0 if guessed else len(stand_ins)  # what stands in for a link overlaps its neighbours
         pairs = tuple(pair for pair in apart_pairs(placed) if min(pair) >= known)
@@ -336,6 +337,23 @@ def scene_statements(scene: Scene, Q: Array) -> tuple[Statement, ...]:
     if scene.margin == 0 and clearance is not None and clearance.distance < 5e-3:
         said.append(state("collision.very-near"))
     return tuple(said)
+
+
+def _beyond_wrist(robot: Robot, links: tuple[Capsule, ...], tool: Capsule) -> tuple[Capsule, ...]:
+    """The tool from where it leaves the capsules of the link before the wrist; empty where they contain it.
+
+    Limits of joints keep the flange out of that link itself: as deep as it comes into a capsule, that is empty.
+    """
+    flange = replace(tool, end=tool.start, radius=0.0)
+    placed = PlacedCapsules(robot, (*links, flange))
+    pairs = [(k, len(links)) for k, body in enumerate(placed.bodies[:-1]) if body == robot.n - 2]
+    away = own_distances(placed, *placed.segments(random_postures(placed, 1000)), pairs) if pairs else np.zeros(1)
+    if away.min() >= 0:
+        return (tool,)
+    share = ((robot.tool_radius or 0.0) - float(away.min())) / tool.length
+    a, b = np.array(tool.start), np.array(tool.end)
+    x, y, z = (a + (b - a) * share).tolist()
+    return (replace(tool, start=(x, y, z)),) if share < 1 else ()
 
 
 def _shapes(scene: Scene) -> list[Statement]:

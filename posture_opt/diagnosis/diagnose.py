@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from posture_opt.calibration.assumptions.contradictions import GeometricDeviation
 from posture_opt.calibration.calibrate import calibrate, of_problem, restated, reweighed
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.cross_validation import HeldOut, held_out
@@ -135,6 +136,8 @@ def diagnose(
     delivery = _deliver(found, held, parts, with_time)
     held["delivered"] = delivery.held
     findings = _all_findings(found, groups, parts)
+    if delivery.nominal:  # what the data do not tell of all other parts may be in the size of a single one
+        findings = tuple(replace(f, determined=not isinstance(f.cause, GeometricDeviation)) for f in findings)
     stages.next()
     other, large = None, None
     if test is not None:  # predicted by the arm without effects of time
@@ -211,8 +214,8 @@ def _all_findings(found: Explained, groups: Codes, parts: list[Codes]) -> tuple[
     refuted = [c.cause for c in calibration.contradictions]
     effects = effect_findings(found.names, found.predictive, found.model, groups, found.unrefuted)
     effects = with_plausibility(effects, found.model, found.linearised.sensitivities.state.robot)
-    # Where a joint's errors grow unexplained, its effects take up what they do not have the form of.
-    open_ = {errors.effect.target for errors in found.uneven}
+    # Where errors grow with a joint whose repeats agree, its effects take up what they do not have the form of.
+    open_ = {errors.effect.target for errors in found.uneven if errors.refuted or errors.still}
     effects = [replace(f, determined=f.determined and f.target not in open_) for f in effects]
     return (
         *(f for f in beforehand if isinstance(f.cause, Effect)),

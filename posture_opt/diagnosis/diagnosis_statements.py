@@ -91,8 +91,9 @@ def _errors(found: Diagnosis) -> Statement:
 
 
 def _causes(found: Diagnosis) -> Iterator[Statement]:
-    geometry = [f for f in found.effects if f.effect is None and f.noise is None]
-    others = [f for f in found.effects if f not in geometry and f.determined]
+    sure = [f for f in found.effects if f.determined]
+    geometry = [f for f in sure if f.effect is None and f.noise is None]
+    others = [f for f in sure if f not in geometry]
     causes = sorted(others or geometry, key=lambda f: unconfirmed(f, found.test))
     few = len(causes) <= 2
     names = [sized_words(found, f) for f in causes] if few else _by_title(causes)
@@ -100,13 +101,12 @@ def _causes(found: Diagnosis) -> Iterator[Statement]:
         names.append("the geometry differs from the file" if few else "a geometry that differs from the file")
     if found.verdict == "none_found":
         yield state("diagnosis.none-found")
-    elif not names:
-        yield state("diagnosis.no-cause-fits")
-    else:
+    elif names:
         which = "causes-explain" if found.verdict == "effects_found" else "causes-explain-part"
         yield state(f"diagnosis.{which}", causes=names)
-    vague = [f for f in found.effects if f not in geometry and not f.determined]
-    if vague:
+    elif found.verdict == "unexplained":
+        yield state("diagnosis.no-cause-fits")
+    if vague := [f for f in found.effects if not f.determined]:
         yield state("diagnosis.suspected", causes=_by_title(vague))
 
 

@@ -374,7 +374,7 @@ def test_two_numbers_of_a_message_differ_where_they_differ() -> None:
     assert shown_apart(0.1, 0.1, "m")[0] == shown_apart(0.1, 0.1, "m")[1]
 
 
-@pytest.mark.parametrize("robot", conformance(["irb1200", "vs087", "kr6_r900", "m10id"], ["irb1200"]))
+@pytest.mark.parametrize("robot", conformance(["irb1200", "vs087", "kr6_r900", "m10id", "tx2_60", "gp25"], ["tx2_60"]))
 def test_an_assumed_tool_does_not_keep_the_wrist_from_bending(robot: str) -> None:
     """Only its axis is sure: with a stated radius of 20 mm an IRB 1200 reached 1 of 30 targets from above."""
     reach = po.problem_from_dict({"robot": {"kind": "preset", "name": robot}}).robot.length
