@@ -137,7 +137,9 @@ def read_parts(
             known, part = task, task.workpiece
             solid = _collect(issues, lambda: part.in_folder(folder), "task", "workpiece")
             task = known.model_copy(update={"workpiece": solid}) if solid else None
-        task = task.for_robot(arms[1].robot) if task is not None and arms else task
+        if task is not None and arms:
+            stated, arm = task, arms[1]
+            task = _collect(issues, lambda: stated.for_robot(arm.robot))
         data, unread = with_named_files(read.data, folder, read_parts)
         issues += unread
         cell = _collect(issues, lambda: read.cell and read.cell.in_folder(folder))

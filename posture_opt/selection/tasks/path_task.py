@@ -10,7 +10,8 @@ from pydantic import BeforeValidator, Field, ValidationInfo, WithJsonSchema, fie
 
 from posture_opt.errors import BadValueError
 from posture_opt.limits import MOST_PATH_POINTS
-from posture_opt.selection.tasks.task import Task
+from posture_opt.numerics import Array
+from posture_opt.selection.tasks.task import Task, seen_from
 from posture_opt.selection.tasks.workpiece import Direction, Workpiece
 from posture_opt.uncertainty.regions.clearance import Within
 from posture_opt.units import Angle, Length, parse_quantity
@@ -70,6 +71,15 @@ class PathTask(Task):
     def places(self) -> tuple[Point, ...]:
         """The points of the path, else those of the features."""
         return super().places if self.points is None else self.tool_points
+
+    def in_frame(self, T: Array) -> dict[str, object]:
+        """The fields of `Task.in_frame`, and points and axes where they are not in the frame of a workpiece."""
+        found = super().in_frame(T)
+        if self.points is not None and self.workpiece is None:
+            found["points"] = tuple(seen_from(T[:3, :3], point, T[:3, 3]) for point in self.points)
+            axes = None if self.axes is None else tuple(seen_from(T[:3, :3], axis) for axis in self.axes)
+            found["axes"] = axes
+        return found
 
     @property
     def axis_request(self) -> Literal["aligned", "required", "free"]:

@@ -10,10 +10,13 @@ from __future__ import annotations
 import math
 from typing import Annotated, ClassVar, Literal, Self
 
+import numpy as np
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from posture_opt.errors import BadValueError
+from posture_opt.errors import BadValueError, InputError, Issue
+from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
+from posture_opt.robot.shape_section import product_of
 from posture_opt.selection.tasks.workpiece import Combine, Direction, Features, Workpiece
 from posture_opt.selection.terms import TermSpec
 from posture_opt.spec import Spec
@@ -25,6 +28,15 @@ Criterion = Annotated[
     Literal["worst", "trace", "area", "miss", "none"],
     Field(description="worst axis, RMS, area, mean square miss, or none of it"),
 ]
+
+
+Point = tuple[float, float, float]
+
+
+def seen_from(R: Array, vector: Point, p: Array | None = None) -> Point:
+    """A direction, or with p a point, from another frame: ``R v``, ``R v + p``."""
+    x, y, z = (R @ vector + (0.0 if p is None else p)).tolist()
+    return x, y, z
 
 
 class Region(Spec):
@@ -70,6 +82,7 @@ class Task(Spec):
     """What reports and figures call ``direction``: the spread is across or along it."""
 
     kind: str
+    frame: Literal["world", "robot"] = Field("world", description="of direction and places: world, or the robot's base")
     direction: Direction = Field((0.0, 0.0, -1.0), description="of insertion, of the feed, of touch; world")
     position: tuple[Length, Length, Length] | None = Field(None, description="of the target, world")
     region: Region | None = Field(None, description="where the target may stand, in place of `position`")
@@ -129,10 +142,44 @@ class Task(Spec):
         return point[0] - x, point[1] - y, point[2] - z
 
     def for_robot(self, robot: Robot) -> Self:
-        """The task with what the robot has for its terms: named postures, and bounds where they state none."""
+        """The task in the world, with what the robot has for its terms: named postures, and bounds where none is
+        stated."""
+        if self.frame == "robot":
+            placed = self.model_copy(update={"frame": "world", **self.in_frame(product_of(robot.base))})
+            return placed.for_robot(robot)
         terms = {"minimize": self.minimize, "subject_to": self.subject_to}
         found = {key: tuple(t.for_robot(robot, key == "subject_to") for t in given) for key, given in terms.items()}
         return self if found == terms else self.model_copy(update={k: v for k, v in found.items() if v != terms[k]})
+
+    def in_frame(self, T: Array) -> dict[str, object]:
+        """The fields that hold directions and places, seen from where their frame has the pose T (4, 4) [m]."""
+        of_world = {"region": self.region, "workpiece": self.workpiece, "yaw": self.heading}
+        if np.max(np.abs(T[:3, :3] - np.eye(3))) > 1e-9 and any(of_world.values()):
+            key = next(key for key, value in of_world.items() if value)
+            message = f"the base of the robot is turned in the world, and {key} is along the axes of the world"
+            raise InputError(Issue(message, ("task", "frame"), "robot", f"state {key} in the world, or a position"))
+        R, p = T[:3, :3], T[:3, 3]
+        found: dict[str, object] = {"direction": seen_from(R, self.direction)}
+        if self.position is not None:
+            found["position"] = seen_from(R, self.position, p)
+        if self.region is not None:
+            ends = {"min": self.region.min, "max": self.region.max}
+            found["region"] = self.region.model_copy(update={key: seen_from(R, end, p) for key, end in ends.items()})
+        if self.workpiece is not None:
+            spans = zip("xyz", p.tolist(), strict=True)
+            moved = {axis: tuple(end + by for end in getattr(self.workpiece, axis)) for axis, by in spans}
+            found["workpiece"] = self.workpiece.model_copy(update=moved)
+        else:
+            found["features"] = tuple(
+                f.model_copy(
+                    update={
+                        "position": seen_from(R, f.position, p),
+                        "direction": None if f.direction is None else seen_from(R, f.direction),
+                    }
+                )
+                for f in self.features
+            )
+        return found
 
     @property
     def axis_request(self) -> Literal["aligned", "required", "free"]:
