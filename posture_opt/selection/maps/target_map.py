@@ -211,8 +211,12 @@ def _mapped(
         scene, selector.clear_engine, targets, unguarded, pairs, pool, seed=seed, progress=cleared
     )
     map_points = [
-        replace(point, blocked_by=in_the_way(scene, one.best.q)) if one.best and not point.feasible else point
-        for point, one in zip(_points(pool, engines[0], targets, candidates, spread), unguarded, strict=True)
+        replace(point, blocked_by=in_the_way(engine, target, scene, one.best.q, seed))
+        if one.best and not point.feasible
+        else point
+        for point, one, engine, target in zip(
+            _points(pool, engines[0], targets, candidates, spread), unguarded, engines, targets, strict=True
+        )
     ]
     if not any(point.feasible for point in map_points[:size]):
         raise NoSolutionError(_nowhere(map_points[:size]))
