@@ -184,12 +184,12 @@ class Answers:
             return None if self._ended else request
 
     def quick(self, request: Request) -> Answer:
-        """The best posture that searches from the last one find; which reason there is for none, is asked later."""
+        """The best posture that searches from the last one find, or what is in its way; all reasons are asked later."""
         try:
             self._best = self._following.solve(request.problem, self._q)
-        except NoSolutionError:
+        except NoSolutionError as error:
             self._best = None
-            return Answer(request)
+            return Answer(request, reason=f"{error}; the full search goes on")
         except PostureOptError as error:
             return Answer(request, reason=str(error))
         self._q = self._best.q

@@ -147,7 +147,8 @@ class Panel:
         self._text.value = self._actions.command()
         self._task.show()
         if answer.solution is None:
-            self._numbers.content = self._budget.content = ""
+            for last in (self._numbers, self._budget):
+                last.content = _greyed(last.content)
             waiting = "No posture found yet; the full search goes on …"
             self._state.content = line(sentence(answer.reason) if answer.reason else waiting, alarm=True)
             return
@@ -204,6 +205,14 @@ def _compared(best: Solution, own: Spread) -> str:
     return f"Posture of your own: {size} of the best one; their tool points are {off:.1f} mm apart."
 
 
+_GREYED = '<div style="opacity:0.4">'
+
+
+def _greyed(html: str) -> str:
+    """Numbers that hold no more, and stay in sight."""
+    return html if not html or html.startswith(_GREYED) else f"{_GREYED}{html}</div>"
+
+
 def _small(html: str) -> str:
     return f'<div style="margin:0 10px;font-size:13px;text-align:left">{html}</div>'
 
@@ -212,7 +221,7 @@ def _bars(budget: Sequence[ShareGroup]) -> str:
     """A bar a source, or sources whose errors cancel, as long as their share of the variance."""
     rows = ""
     for group in budget[:6]:
-        if group.share > 0:
+        if group.share >= 0.005:  # else it reads 0 %
             more = len(group.parameters) - 2
             named = ", ".join(group.parameters[:2]) + (f" and {more} more together" if more > 0 else "")
             rows += (

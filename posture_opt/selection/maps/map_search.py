@@ -184,20 +184,6 @@ def _clear(scene: Scene, Q: Array) -> list[bool]:
     return [bool(yes) for yes in is_clear(scene, Q)]
 
 
-_TRIED = 48  # Postures at a target among which the one that lacks least says what is in the way: by choice
-
-
-def in_the_way(engine: Engine, target: TaskTarget, scene: Scene, q: Array, seed: int) -> str:
-    """Name of the obstacle that keeps all postures from a target, or ``self-collision``; q (n,) one that collides."""
-    rng = np.random.default_rng(seed)
-    starts = engine.ik.random_postures(_TRIED, rng)
-    reached = engine.ik.reached([starts], [engine.request(target, _TRIED, rng)])
-    Q = np.vstack([q, *reached])
-    lacking = scene.distances(Q[np.argmax(scene.slack(Q))])[0] - np.array(scene.required)
-    k = int(np.argmin(lacking))
-    return SELF_COLLISION if k < len(scene.own) else scene.pairs[k][1]
-
-
 def among(pairs: Sequence[Pairs], chosen: Sequence[int]) -> list[Pairs]:
     """Pairs of targets that are both chosen, renumbered by their places among the chosen."""
     most = max((int(max(here.max(initial=0), there.max(initial=0))) for here, there in pairs), default=0)

@@ -27,13 +27,14 @@ from posture_opt.selection.answer.solution_statements import (
 from posture_opt.selection.maps.grid_layout import Grid, GridRequest, Plane, grid_of
 from posture_opt.selection.maps.map_exchange import Neighbourhood, worked_on
 from posture_opt.selection.maps.map_points import MapCandidate, MapPoint, NeighbourSolves, packed_points
-from posture_opt.selection.maps.map_search import best_candidates, clear_candidates, in_the_way
+from posture_opt.selection.maps.map_search import SELF_COLLISION, best_candidates, clear_candidates
 from posture_opt.selection.problem_data import ProblemData, with_fallbacks
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.registered_tasks import part_words
 from posture_opt.selection.search.engine import UNCONFIRMED_JSON, Confirmation, Engine, joined_confirmation
 from posture_opt.selection.search.search_outcome import confirmed as confirmed_posture
+from posture_opt.selection.search.search_outcome import nearest_to_clear
 from posture_opt.statements import Quantity, Statement, state
 from posture_opt.statements.notation import place
 from posture_opt.workers import Executor, Workers, opened
@@ -210,14 +211,10 @@ def _mapped(
     candidates = clear_candidates(
         scene, selector.clear_engine, targets, unguarded, pairs, pool, seed=seed, progress=cleared
     )
-    map_points = [
-        replace(point, blocked_by=in_the_way(engine, target, scene, one.best.q, seed))
-        if one.best and not point.feasible
-        else point
-        for point, one, engine, target in zip(
-            _points(pool, engines[0], targets, candidates, spread), unguarded, engines, targets, strict=True
-        )
-    ]
+    map_points = _points(pool, engines[0], targets, candidates, spread)
+    for k, point in enumerate(map_points):
+        if unguarded[k].best and not point.feasible:
+            map_points[k] = replace(point, blocked_by=_in_the_way(engines[k], targets[k], scene, seed))
     if not any(point.feasible for point in map_points[:size]):
         raise NoSolutionError(_nowhere(map_points[:size]))
     solved = next(e for e, point in zip(engines, map_points, strict=True) if point.feasible).optimisation_problem
@@ -236,6 +233,11 @@ def _mapped(
     for k, candidate in better.items():
         (map_points[k],) = _points(pool, engines[0], targets[k : k + 1], [candidate], None)
     return found(said)
+
+
+def _in_the_way(engine: Engine, target: TaskTarget, scene: Scene, seed: int) -> str:
+    nearest = nearest_to_clear(engine, target, scene, seed)
+    return "" if nearest is None else SELF_COLLISION if nearest.own else nearest.names[1]
 
 
 def _confirmed_targets(

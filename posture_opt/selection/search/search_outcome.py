@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -90,6 +91,30 @@ def is_clear(scene: Keeper, Q: Array) -> Mask:
     if not len(Q):
         return np.zeros(0, dtype=bool)
     return np.asarray(scene.slack(Q) >= -DISTANCE_ROUNDING)
+
+
+class Nearest(NamedTuple):
+    """The pair of bodies that lacks most of its distance, at the posture of a target that lacks least."""
+
+    names: tuple[str, str]
+    own: bool  # whether both are of the arm
+    distance: float  # [m]
+    required: float  # [m]
+
+
+_TRIED = 48  # Postures at a target that are looked at for `nearest_to_clear`: by choice
+
+
+def nearest_to_clear(engine: Engine, target: TaskTarget, scene: Scene, seed: int) -> Nearest | None:
+    """What keeps postures from a target, at once and without a search; None where no start arrives there."""
+    rng = np.random.default_rng(seed)
+    starts = engine.ik.random_postures(_TRIED, rng)
+    (reached,) = engine.ik.reached([starts], [engine.request(target, _TRIED, rng)])
+    if not len(reached) or not scene.active:
+        return None
+    distances = scene.distances(reached[np.argmax(scene.slack(reached))])[0]
+    k = int(np.argmin(distances - np.array(scene.required)))
+    return Nearest(scene.pairs[k], k < len(scene.own), float(distances[k]), scene.required[k])
 
 
 _SPIN_STEPS = 120  # steps of 3°: the optimum over the spin is several of them wide
