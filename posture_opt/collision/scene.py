@@ -89,7 +89,7 @@ class Scene:
         free_end = 0.0 if guessed else 2.0 * (tool_radius(robot) + asked.clearance)
         stated = stand_ins + robot.shape
         tool = tool_capsule(robot, free_end) if stated else ()
-        capsules = stated + tuple(part for whole in tool for part in _beyond_wrist(robot, robot.shape, whole))
+        capsules = stated + tuple(part for whole in tool for part in _beyond_wrist(robot, whole))
         placed = PlacedCapsules(robot, capsules)
         known = 0 if guessed else len(stand_ins)  # what stands in for a link overlaps its neighbours
         pairs = tuple(pair for pair in apart_pairs(placed) if min(pair) >= known)
@@ -339,11 +339,12 @@ def scene_statements(scene: Scene, Q: Array) -> tuple[Statement, ...]:
     return tuple(said)
 
 
-def _beyond_wrist(robot: Robot, links: tuple[Capsule, ...], tool: Capsule) -> tuple[Capsule, ...]:
-    """The tool from where it leaves the capsules of the link before the wrist; empty where they contain it.
+def _beyond_wrist(robot: Robot, tool: Capsule) -> tuple[Capsule, ...]:
+    """The tool from where it leaves the arm's own capsules of the link before the wrist; empty where they contain it.
 
     Limits of joints keep the flange out of that link itself: as deep as it comes into a capsule, that is empty.
     """
+    links = tuple(capsule for capsule in robot.shape if not capsule.added)
     flange = replace(tool, end=tool.start, radius=0.0)
     placed = PlacedCapsules(robot, (*links, flange))
     pairs = [(k, len(links)) for k, body in enumerate(placed.bodies[:-1]) if body == robot.n - 2]

@@ -26,6 +26,8 @@ class Capsule:
     start: Point
     end: Point
     radius: float  # [m]; zero for a bare line
+    # whether the file states it beside those that the arm brings
+    added: bool = field(default=False, compare=False)
 
     @property
     def length(self) -> float:

@@ -196,7 +196,8 @@ def shaped(robot: Robot, given: ShapeSpec | None, T_last: Array | None = None) -
         return replace(robot, shape=capsules, shape_notes=notes if gone else (), unshaped=gone)
     plain = not isinstance(given, ShapeSection) and robot.shape
     notes = ("shape, a plain list, is added to the arm's own capsules (replace: [...] would replace them)",)
-    return replace(robot, shape=(*robot.shape, *capsules), shape_notes=robot.shape_notes + (notes if plain else ()))
+    added = tuple(replace(capsule, added=bool(robot.shape)) for capsule in capsules)
+    return replace(robot, shape=(*robot.shape, *added), shape_notes=robot.shape_notes + (notes if plain else ()))
 
 
 def _unknown_joints(robot: Robot, part: str, specs: Sequence[CapsuleSpec]) -> list[Issue]:

@@ -332,7 +332,7 @@ def test_a_pair_that_keeps_less_lacks_what_it_overlaps() -> None:
         "joint": "joint_4",
         "from": ["4 mm", "-28 mm", "-1 mm"],
         "to": ["4 mm", "-128 mm", "-1 mm"],
-        "radius": "88 mm",
+        "radius": "138 mm",
     }
     data["robot"] |= {"tool": {"xyz": ["0 m", "0 m", "150 mm"], "radius": "20 mm"}, "shape": {"add": [arm]}}
     data["cell"] = {"clearance": "10 mm", "obstacles": []}
