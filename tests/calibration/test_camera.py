@@ -13,6 +13,7 @@ import pytest
 
 import posture_opt as po
 from tests.helpers.cameras import TOOL_SCENE, Scene, camera_problem, camera_table, grid
+from tests.helpers.hand_eye import errors_of
 from tests.helpers.instruments import JOINTS, UR10, TrueArm, deviations
 
 SMALL = grid(3, 4, 0.05)
@@ -58,15 +59,6 @@ def test_pictures_find_the_arm_the_camera_and_the_board(where: str, tmp_path: Pa
 
 
 @pytest.mark.long
-def test_markers_at_unknown_places_leave_the_size_of_the_arm_open(tmp_path: Path) -> None:
-    found = calibrated("cell", tmp_path, known=False)
-    assert not found.fixed[[p.name for p in found.parameters].index("shoulder_lift.a")]
-    report = " ".join(found.report().split())
-    assert "Pictures of markers alone do not determine the size of the arm" in report
-    assert "add one known length: markers on a board of known size" in report
-
-
-@pytest.mark.long
 def test_a_wrong_focal_length_is_found_where_it_is_free(tmp_path: Path) -> None:
     scene = SCENES["cell"]
     wrong = replace(scene, camera=replace(scene.camera, focal=(1275.0, 1270.0)))  # 2 % too long
@@ -83,19 +75,6 @@ def test_a_wrong_focal_length_is_found_where_it_is_free(tmp_path: Path) -> None:
     for name in ("free", "rough"):
         assert results[name]["unknowns"]["left"]["focal_length"] == pytest.approx(scene.camera.focal, abs=3.0)
         assert results[name]["rms"] < 0.32 < 1.2 * results[name]["rms"] < results["held"]["rms"]
-
-
-@pytest.mark.long
-def test_pictures_from_one_distance_trade_the_focal_length(tmp_path: Path) -> None:
-    words = "pictures from one distance trade it for the distance"
-    for depths, tilt, said in (((1.0, 1.0), 0.02, True), ((0.75, 1.25), 0.7, False)):
-        scene = replace(SCENES["cell"], depths=depths, tilt=tilt)
-        arm = simulated("cell")[0]
-        given = problem("cell", tmp_path, free=["focal_length"])
-        data = po.read_measurements(camera_table(arm, np.random.default_rng(1), 30, 0.2, scene), given)
-        report = " ".join(po.calibrate(given, data, plan=False).report().split())
-        assert (words in report) is said
-        assert ("add one known length" in report) is said
 
 
 @pytest.mark.long
@@ -171,3 +150,17 @@ def test_the_minimum_is_that_of_scipy(tmp_path: Path) -> None:
     levers = found.residuals.data.lever
     assert levers is not None
     assert ours == pytest.approx(theirs, rel=2e-3)
+
+
+# --- OpenCV's hand-eye calibrations on the same pictures, the arm held, have the larger error -------------------------
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("where", ["cell", "tool"])
+def test_opencv_has_the_larger_error(where: str, tmp_path: Path) -> None:
+    cv2 = pytest.importorskip("cv2")
+    if not hasattr(cv2, "calibrateRobotWorldHandEye"):
+        pytest.skip("this OpenCV has no hand-eye calibration")
+    ours, held, theirs = errors_of(cv2, where, tmp_path, 4)
+    assert held < 1.25 * min(theirs)  # frames alone are worth as much, whoever fits them
+    assert ours < 0.5 * min(theirs)

@@ -104,26 +104,3 @@ def test_a_level_finds_the_angles_that_it_sees() -> None:
     joints = {axes.get_xlabel().partition(" ")[0] for axes in drawn.axes}
     assert "elbow" in joints
     assert "shoulder_pan" not in joints  # which turns about the vertical
-
-
-def test_another_file_has_planes_of_its_own() -> None:
-    rng = np.random.default_rng(7)
-    arm = TrueArm.drawn(rng)
-    given = problem(["30 mm", "-20 mm", "120 mm"])
-    data, other = (po.read_measurements(plane_table(arm, rng, n, SIGMA), given) for n in (40, 12))
-    found = po.calibrate(given, data, test=other, plan=False)
-    assert found.test is not None
-    assert found.test.models["calibrated"].rms < 2 * SIGMA < 0.2 * found.test.models["nominal"].rms
-    wire = po.read_measurements(distance_table(arm, rng, 5, SIGMA), given)
-    with pytest.raises(po.errors.InputError, match="the test file holds distances, the first file touches of planes"):
-        po.calibrate(given, data, test=wire, plan=False)
-
-
-def test_each_plane_counts_by_its_own_flatness() -> None:
-    rng = np.random.default_rng(8)
-    arm = TrueArm.drawn(rng)
-    table = plane_table(arm, rng, 30, SIGMA)
-    given = problem(["30 mm", "-20 mm", "120 mm"], data={"planes": {"plate1": {"flatness": "0.2 mm"}}})
-    residuals = po.calibrate(given, po.read_measurements(table, given), plan=False).residuals
-    sigma = dict(zip(table["plane"].tolist(), residuals.row_sigma.tolist(), strict=True))
-    assert sigma == pytest.approx({"plate0": 2e-5, "plate1": np.hypot(2e-5, 2e-4), "plate2": 2e-5})

@@ -13,7 +13,6 @@ from tests.helpers.cameras import TOOL_SCENE, board_table
 from tests.helpers.instruments import (
     TrueArm,
     deviations,
-    level_table,
     misplaced,
     mixed_table,
     plane_table,
@@ -130,39 +129,3 @@ def test_backlash_is_named() -> None:
     arm = TrueArm.drawn(rng, backlash=(2, 1e-3))
     found = po.diagnose(problem(), po.read_measurements(table(arm, rng, 12), problem()), plan=False)
     assert (found.effects[0].kind, found.effects[0].target) == ("backlash", "elbow")
-
-
-@pytest.mark.long
-def test_a_slip_of_a_zero_is_named_and_nothing_else_is_left() -> None:
-    """The places hide most of it: only where they are found again do the errors go."""
-    rng = np.random.default_rng(86)
-    slipped = TrueArm()
-    slipped.errors[2, 0] = 1e-3
-    found = po.recheck(problem(), po.read_measurements(table(slipped, rng, 5), problem()))
-    assert (found.verdict, found.changes[0].kind, found.changes[0].target) == ("changed", "joint_offset", "elbow")
-    assert found.changes[0].values["theta"][0] == pytest.approx(1e-3, abs=1e-4)
-    left, before = (np.sqrt(np.mean(errors**2)) for errors in (found.errors_after, found.errors_before))
-    assert left < 0.4 * before
-
-
-def test_rows_come_back_and_what_is_missing_is_said() -> None:
-    rng = np.random.default_rng(87)
-    tables = {"tilt": level_table(TrueArm(), rng, 4, 1e-5), "eye": board_table(TrueArm(), rng, 4, SIGMAS)}
-    rows = mixed_table(tables)
-    data = po.read_measurements(rows, problem())
-    assert len(data) == 2 * 4 + 6 * 4
-    assert data.kind.place_noun == "boards"
-    again = po.read_measurements(data.to_dataframe(), problem())
-    assert np.allclose(again.reading, data.reading, atol=1e-12)
-    assert np.array_equal(again.part, data.part)
-    with pytest.raises(po.errors.InputError, match="no σ of the orientation of a board is stated"):
-        po.read_measurements(rows, problem(orientation=False))
-    bare = {name: column for name, column in rows.items() if not name.startswith("r")}
-    with pytest.raises(po.errors.InputError, match="poses of a board have x, y, z and an orientation"):
-        po.read_measurements(bare, problem())
-    flat = {name: column for name, column in rows.items() if name != "z [m]"}
-    with pytest.raises(po.errors.InputError, match="beside the columns of positions"):
-        po.read_measurements(flat, problem())
-    few = {name: column[:6] for name, column in rows.items()}
-    with pytest.raises(po.errors.InputError, match="2 poses of a board do not say where camera and board are"):
-        po.read_measurements(few, problem())

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from tests.helpers.cameras import camera_problem, camera_table
 from tests.helpers.instruments import (
     ANCHORS,
     SOCKETS,
@@ -77,19 +76,6 @@ def test_four_instruments_teach_one_arm(base: str) -> None:
         assert np.allclose([frame[a] for a in "xyz"], -TURNED[:3, :3].T @ TURNED[:3, 3], atol=6e-3)
 
 
-@pytest.mark.conformance
-def test_a_wrong_sigma_of_one_instrument_shows() -> None:
-    rng = np.random.default_rng(22)
-    arm = TrueArm.drawn(rng)
-    own = tables(arm, rng, np.eye(4))
-    own["wire"]["distance [m]"] = own["wire"]["distance [m]"] + rng.normal(0, 1e-4, 40)
-    given = problem()
-    found = po.calibrate(given, po.read_measurements(mixed_table(own), given), plan=False)
-    document = found.estimates_json()["instruments"]
-    assert document["wire"]["p_value"] < 1e-6
-    assert document["wire"]["scatter"] == pytest.approx(1e-4, rel=0.5)
-
-
 @pytest.mark.long
 def test_a_diagnosis_names_the_instrument_whose_sigma_is_wrong() -> None:
     rng = np.random.default_rng(22)
@@ -128,35 +114,3 @@ def test_a_known_distance_of_sockets_beside_plates_gives_the_size() -> None:
     wrong = po.problem_from_dict(text)
     with pytest.raises(po.errors.InputError, match="no row touches 'socket9'"):
         po.calibrate(wrong, data, plan=False)
-
-
-def test_rows_come_back_from_a_data_frame_and_half_readings_are_refused() -> None:
-    rng = np.random.default_rng(23)
-    given = problem()
-    table = mixed_table(tables(TrueArm(), rng, np.eye(4)))
-    data = po.read_measurements(table, given)
-    again = po.read_measurements(data.to_dataframe(), given)
-    assert np.array_equal(again.reading, data.reading)
-    assert np.array_equal(again.part, data.part)
-    assert again.point_names == data.point_names
-    both = {**table, "plane": ["a"] * len(table["instrument"])}
-    with pytest.raises(
-        po.errors.InputError, match="the instrument 'wire' fill columns of touches of planes, distances"
-    ):
-        po.read_measurements(both, given)
-    gap = {**table, "anchor": ["" if k == 80 else v for k, v in enumerate(table["anchor"])]}
-    with pytest.raises(po.errors.InputError, match="the cell is empty"):
-        po.read_measurements(gap, given)
-
-
-@pytest.mark.conformance
-def test_pictures_and_plates_teach_one_arm(tmp_path: object) -> None:
-    rng = np.random.default_rng(24)
-    arm = TrueArm.drawn(rng)
-    text = camera_problem(tmp_path)  # type: ignore[arg-type]
-    text["uncertainty"]["measurement"]["plane"] = "0.02 mm"  # type: ignore[index]
-    given = po.problem_from_dict(text, folder=tmp_path)
-    table = mixed_table({"left": camera_table(arm, rng, 12, 0.2), "plates": plane_table(arm, rng, 30, 2e-5, 0.0)})
-    found = po.calibrate(given, po.read_measurements(table, given), plan=False)
-    assert 0.85 < found.variance < 1.15
-    assert found.estimates_json()["instruments"]["left"]["kind"] == "camera"

@@ -76,48 +76,6 @@ def test_intervals_hold_the_truth() -> None:
     assert 0.90 < np.mean(inside) < 0.99
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("wrong", ["orientation", "tracker"])
-def test_a_diagnosis_names_what_scatters_more_than_stated(wrong: str) -> None:
-    rng = np.random.default_rng(71)
-    arm = TrueArm.drawn(rng)
-    found = po.diagnose(problem(), po.read_measurements(table(arm, rng, 20, np.eye(4), **{wrong: 4.0}), problem()))
-    assert (found.uneven[0].effect.kind, found.uneven[0].effect.target) == ("stated_sigma", wrong)
-    assert found.uneven[0].effect.factor == pytest.approx(4.0, rel=0.3)
-    assert f"the {wrong} errors are larger" in found.report().lower().replace("\n", " ")
-
-
-@pytest.mark.long
-def test_backlash_is_named_from_poses_and_plates() -> None:
-    rng = np.random.default_rng(72)
-    arm = TrueArm.drawn(rng)
-    arm.backlash = (2, 1e-3)
-    found = po.diagnose(problem(), po.read_measurements(table(arm, rng, 20, np.eye(4)), problem()), plan=False)
-    first = found.effects[0]
-    assert (first.kind, first.target) == ("backlash", "elbow")
-
-
-def test_rows_come_back_and_orientations_without_a_sigma_are_left_out() -> None:
-    rng = np.random.default_rng(73)
-    rows = table(TrueArm(), rng, 3, np.eye(4))
-    data = po.read_measurements(rows, problem())
-    assert data.kind.quantity_names == ("probe", "tracker", "orientation")
-    again = po.read_measurements(data.to_dataframe(), problem())
-    assert np.array_equal(again.reading, data.reading)
-    assert np.array_equal(again.part, data.part)
-    turned = Rotation.from_quat(np.array([rows[f"q{a}"][9:] for a in "xyzw"], dtype=float).T)
-    vectors = dict(zip(("rx [rad]", "ry [rad]", "rz [rad]"), turned.as_rotvec().T, strict=True))
-    other = {name: column for name, column in rows.items() if not name.startswith("q")}
-    other |= {name: [np.nan] * 9 + column.tolist() for name, column in vectors.items()}
-    assert np.allclose(po.read_measurements(other, problem()).reading, data.reading, atol=1e-12)
-    bare = po.read_measurements(rows, problem(orientation=False))
-    assert len(bare) == 9 + 9
-    assert "orientations are left out" in bare.notes[0]
-    rows["qy"][-1] = ""
-    with pytest.raises(po.errors.InputError, match="qy: the cell is empty – 'tracker' reads it in other rows"):
-        po.read_measurements(rows, problem())
-
-
 TURNS = ("qw", "qx", "qy", "qz")
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import json
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +10,6 @@ import pytest
 
 import posture_opt as po
 from posture_opt.calibration.second_file import OtherFile
-from tests.helpers.command_line import invoke
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PROBLEM
 
@@ -70,28 +68,6 @@ def test_frames_fitted_again_match_targets_too(learned: Path, tmp_path: Path) ->
     assert predicted(learned, file, refit_frames=True).models["calibrated"].rms < 1.5 * np.sqrt(2) * NOISE
 
 
-def test_only_an_unknown_target_is_refused(learned: Path, tmp_path: Path) -> None:
-    text = table(tmp_path / "other.csv", rows("ab", 40, 4)).read_text("utf-8").replace("\nb,", "\nball,")
-    (tmp_path / "other.csv").write_text(text, encoding="utf-8")
-    with pytest.raises(po.errors.InputError) as error:
-        predicted(learned, tmp_path / "other.csv")
-    message = str(error.value)
-    assert "has no target 'ball'" in message
-    assert sorted(message.partition("one of: ")[2].split(", ")) == ["a", "b", "c"]
-    unnamed = table(tmp_path / "unnamed.csv", rows("a", 40, 4), named=False)
-    with pytest.raises(po.errors.InputError, match="does not say which target"):
-        predicted(learned, unnamed)
-
-
-def test_one_target_needs_no_name(tmp_path: Path) -> None:
-    data = table(tmp_path / "data.csv", rows("a", 60, 5))
-    found = predicted(data, table(tmp_path / "other.csv", rows("a", 40, 6), named=False))
-    assert found.models["calibrated"].rms < 1.4 * np.sqrt(2) * NOISE
-    plain = table(tmp_path / "plain.csv", rows("a", 60, 5), named=False)
-    with pytest.raises(po.errors.InputError, match="leave out the column"):
-        predicted(plain, tmp_path / "data.csv")
-
-
 def touched(path: Path, points: str, seed: int) -> Path:
     """Touches of fixed points, some ten each, by joints that reach them but for the noise."""
     rng = np.random.default_rng(seed)
@@ -129,14 +105,3 @@ def test_rows_outside_the_measured_ranges_are_counted_and_shown_apart(learned: P
     expected = np.sqrt(np.mean(np.sum(found.errors["calibrated"][out] ** 2, axis=1)))
     assert document["calibrated"]["rms_outside_training"] == pytest.approx(expected)
     assert predicted(learned, learned).to_json()["rows_outside_training"] == 0
-
-
-def test_calibrate_says_where_it_does_not_hold(learned: Path, tmp_path: Path) -> None:
-    drawn = [(name, q, p - position(q, LONG) + position(q)) for name, q, p in rows("a", 40, 10)]
-    other = table(tmp_path / "other.csv", drawn)
-    (tmp_path / "problem.yaml").write_text(json.dumps(PROBLEM), encoding="utf-8")
-    words = ["calibrate", str(learned), "--problem", str(tmp_path / "problem.yaml"), "--test", str(other)]
-    document = json.loads(invoke(*words, "--json").stdout)
-    assert "calibration.test-fails" in {s["id"] for s in document["statements"]}
-    assert document["test"]["improves"] is False
-    assert document["test"]["rows"] == 40

@@ -70,16 +70,6 @@ def test_both_arms_are_found_and_no_scale(tmp_path: Path, distance: float) -> No
     assert there.nominal.rms < 1.2 * found.calibrated.rms  # both files are the arms
 
 
-@pytest.mark.long
-def test_a_backlash_of_the_first_arm_is_named(tmp_path: Path) -> None:
-    rng = np.random.default_rng(33)
-    one, two = TrueArm.drawn(rng, backlash=(2, 8e-4)), TrueArm.drawn(rng)
-    tool = tool_at("30 mm", "-20 mm", "120 mm")
-    given = pair_problem(tmp_path, tool, tool)
-    found = po.diagnose(given, po.read_measurements(pair_table(one, two, rng, 100, SIGMA), given), plan=False)
-    assert [(e.kind, e.target) for e in found.effects if e.kind != "geometry"] == [("backlash", "elbow")]
-
-
 def test_faulty_sections_are_named(tmp_path: Path) -> None:
     tool = tool_at("0 mm", "0 mm", "100 mm")
     table = pair_table(TrueArm(), TrueArm(), np.random.default_rng(0), 3, 0.0)

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
 import posture_opt as po
-from posture_opt.calibration.start_up import start_up
+from posture_opt.calibration.start_up import scatter_change, start_up
 from tests.helpers.planar_2r import position
-from tests.helpers.planar_files import PROBLEM, write
-from tests.helpers.real_arms import DATA, needs_real_arms
+from tests.helpers.planar_files import PROBLEM, SHORT, write
 
 ROWS = 400
-UR5 = DATA / "jacobi_ur5"
 
 
 def rows_of(folder: Path, first: int, times: float, seed: int, logged: bool = False) -> po.Measurements:
@@ -55,12 +55,6 @@ def test_a_first_row_that_a_joint_with_play_came_to_from_nobody_knows_where_is_n
     assert "diagnosis.rows-without-side" in {s["id"] for s in found.to_json()["statements"]}
 
 
-def test_an_arm_that_is_warm_says_nothing(tmp_path: Path) -> None:
-    found = po.calibrate(po.problem_from_dict(PROBLEM), rows_of(tmp_path, 0, 1.0, 1), plan=False)
-    assert found.start_up is None
-    assert "start_up" not in found.to_json()
-
-
 @pytest.mark.parametrize("length", [1, 6])
 def test_false_alarms_are_rare_where_neighbours_err_alike(length: int) -> None:
     """Errors in runs of so many rows of one size, log-normal: at most as many alarms as the level says, 1 %."""
@@ -76,12 +70,35 @@ def test_false_alarms_are_rare_where_neighbours_err_alike(length: int) -> None:
     assert alarms <= draws * 0.01 + 3 * np.sqrt(draws * 0.01)
 
 
-@needs_real_arms
-@pytest.mark.conformance
-def test_of_a_real_arm_the_first_fifty_rows_are_told() -> None:
-    problem = po.load_problem(UR5 / "problem.yaml")
-    found = po.diagnose(problem, po.read_measurements(UR5 / "grid.csv", problem), plan=False)
-    assert found.start_up is not None
-    assert found.start_up.rows == 49  # behind the first one, to which nobody knows from where a joint with play came
-    assert found.start_up.rms == pytest.approx(0.088e-3, abs=0.006e-3)
-    assert found.start_up.rest == pytest.approx(0.053e-3, abs=0.003e-3)
+# --- Errors that are larger from some row on: found where they are, and not where all rows scatter alike --------------
+
+ROWS_CHANGE = 120
+
+
+def rows(**more: Any) -> po.Measurements:
+    q = np.random.default_rng(0).uniform(-2, 2, (ROWS_CHANGE, 2))
+    table = {"joint1 [rad]": q[:, 0], "joint2 [rad]": q[:, 1]}
+    return po.read_measurements(table | (more or {"x [m]": q[:, 0], "y [m]": q[:, 1]}), problem())
+
+
+def problem() -> po.Problem:
+    return po.problem_from_dict(yaml.safe_load(SHORT))
+
+
+@pytest.mark.parametrize(("times", "found"), [(3.0, True), (1 / 3, True), (1.2, False)])
+def test_the_row_from_which_errors_are_of_another_size_is_found(times: float, found: bool) -> None:
+    rng = np.random.default_rng(4)
+    size = np.where(np.arange(ROWS_CHANGE) < 80, 1e-4, times * 1e-4)
+    change = scatter_change(size[:, None] * rng.normal(size=(ROWS_CHANGE, 2)), rows())
+    assert (change is not None) is found
+    if change is not None:
+        assert abs(change.line - 81) <= 5
+        assert change.after / change.before == pytest.approx(times, rel=0.25)
+        assert change.to_json()["points"] == []
+
+
+def test_rows_that_scatter_alike_hardly_ever_change() -> None:
+    """One in a thousand is expected; heavy tails make it no worse."""
+    rng, data = np.random.default_rng(6), rows()
+    sets = [rng.standard_t(5, (ROWS_CHANGE, 2)) if i % 2 else rng.normal(size=(ROWS_CHANGE, 2)) for i in range(200)]
+    assert sum(scatter_change(1e-4 * e, data) is not None for e in sets) <= 2

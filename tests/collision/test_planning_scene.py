@@ -89,11 +89,6 @@ def test_objects_are_obstacles_where_moveit_has_them(tmp_path: Path) -> None:
     np.testing.assert_allclose(found["ground"].distance(points, points), points[:, 2] + 0.8, atol=1e-12)
 
 
-def test_scenes_from_before_moveit_1_1(tmp_path: Path) -> None:
-    (wall,) = loaded(tmp_path, BEFORE).cell.obstacles  # type: ignore[union-attr]
-    assert float(wall.distance(np.zeros((1, 3)), np.zeros((1, 3)))[0]) == pytest.approx(0.85)
-
-
 def test_stated_obstacles_stay_and_the_file_goes_along(tmp_path: Path) -> None:
     stated = {"name": "wall", "kind": "sphere", "radius": "10 mm", "xyz": ["2 m", "0 m", "0 m"]}
     problem = loaded(tmp_path, BEFORE, obstacles=[stated], clearance="5 mm")

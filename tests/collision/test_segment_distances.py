@@ -84,12 +84,6 @@ def test_capsules_are_as_far_from_obstacles_as_coal_says(obstacle) -> None:
     assert np.all(ours[theirs < 0] <= 1e-9)
 
 
-def test_a_half_space_says_how_deep() -> None:
-    (floor,) = (listed for listed in OBSTACLES if listed.__name__ == "HalfSpace")
-    ground = floor.model_validate({"name": "ground", "kind": "half_space", "normal": [0, 0, 5]})
-    assert ground.distance(np.array([[0, 0, 0.1]]), np.array([[0, 0, -0.3]]))[0] == pytest.approx(-0.3)
-
-
 @pytest.mark.parametrize("obstacle", list(obstacles()))
 class TestObstaclesThatMakeRoom:
     def test_a_moved_one_is_as_far_as_segments_moved_back(self, obstacle) -> None:

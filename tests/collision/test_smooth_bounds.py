@@ -118,15 +118,3 @@ def slopes_at(slope, angle):
     """The gradient for a segment at an angle to the plane of a face, above the solids."""
     along = 0.6 * np.array([np.cos(angle), 0, np.sin(angle)])
     return np.array(slope(np.concatenate([[-0.3, 0.1, 0.15], along, [-0.2, 0, 0], [0.4, 0, 0]]))).ravel()
-
-
-def test_the_soft_minimum_is_below_the_least_and_not_far() -> None:
-    rng = np.random.default_rng(0)
-    for count in (1, 2, 3, 7, 12, 40):
-        symbols = ca.SX.sym("d", count)
-        soft = ca.Function("soft", [symbols], [smooth.soft_minimum(ca.vertsplit(symbols))])
-        distances = np.concatenate([rng.uniform(-0.1, 1.0, (200, count)), np.full((1, count), 0.03)])
-        least = distances.min(axis=1)
-        found = np.array([float(soft(row)) for row in distances])
-        assert np.all(found <= least + 1e-15)
-        assert np.max(least - found) <= smooth.SOFT_MINIMUM_WIDTH_M / 2 * np.ceil(np.log2(count)) + 1e-12

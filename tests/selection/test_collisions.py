@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from itertools import product
 
 import numpy as np
@@ -10,9 +9,8 @@ import pytest
 
 import posture_opt as po
 from posture_opt.model.toolchain import find_compiler
-from posture_opt.problem.load import problem_from_dict
 from tests.helpers import brute_force
-from tests.helpers.cells import GROUND, LAMP, POST, TABLE, problem_in_cell
+from tests.helpers.cells import GROUND, POST, TABLE, problem_in_cell
 from tests.helpers.said import said
 from tests.helpers.variants import conformance
 
@@ -43,7 +41,7 @@ def test_the_answer_in_a_cell_is_as_good_as_brute_force_finds(preset: str) -> No
     exact = brute_force.clearance(problem.scene, solution.q)
     assert exact >= problem.scene.margin - 1e-7
     assert solution.clearance.distance == pytest.approx(exact, abs=1e-7)
-    free = po.select_posture(problem_from_dict({**problem.to_dict(), "cell": "none"}))
+    free = po.select_posture(po.problem_from_dict({**problem.to_dict(), "cell": "none"}))
     assert brute_force.clearance(problem.scene, free.q) < problem.scene.margin  # the obstacles matter
     assert free.critical.sigma_max <= solution.critical.sigma_max * (1 + 1e-4)
 
@@ -58,7 +56,7 @@ def test_the_answer_in_a_cell_is_as_good_as_brute_force_finds(preset: str) -> No
 def test_an_arm_of_known_shape_keeps_clear_of_itself(preset: str, position) -> None:
     task = {"kind": "insert", **({} if position is None else {"position": written(position)})}
     robot = {"kind": "preset", "name": preset}
-    problem = problem_from_dict({"robot": robot, "uncertainty": {"repeatability": "0.1 mm"}, "task": task})
+    problem = po.problem_from_dict({"robot": robot, "uncertainty": {"repeatability": "0.1 mm"}, "task": task})
     solution = po.select_posture(problem)
     assert solution.clearance is not None
     assert brute_force.clearance(problem.scene, solution.q) >= -1e-7
@@ -67,44 +65,6 @@ def test_an_arm_of_known_shape_keeps_clear_of_itself(preset: str, position) -> N
     assert document["clearance"]["distance"] == pytest.approx(solution.clearance.distance)
     assert len(document["clearance"]["between"]) == 2
     assert "collision.no-obstacles" in said(solution)
-
-
-@pytest.mark.long
-def test_a_selector_keeps_clear_at_every_target() -> None:
-    problem = problem_in_cell("ur10", TABLE, POST, clearance="20 mm", position=["0.6 m", "0.2 m", "0.2 m"])
-    selector = po.PostureSelector(problem, compiled=False)
-    rng = np.random.default_rng(2)
-    with_rows = 0
-    for _ in range(5):
-        solution = selector.solve(position=rng.uniform((0.5, 0.0, 0.1), (0.75, 0.4, 0.3)))
-        with_rows += solution.optimisation_problem.scene is not None
-        assert brute_force.slack(problem.scene, solution.q) >= -1e-7
-    assert 0 < with_rows < 5  # both ways
-
-
-@pytest.mark.conformance
-def test_every_target_of_a_map_keeps_clear() -> None:
-    problem = problem_in_cell("scara", SCARA_POST, clearance="10 mm", position=["0.2 m", "0.15 m", "-80 mm"])
-    found = po.map_targets(problem, counts=(5, 5), low=(0.1, 0.0, -0.08), high=(0.35, 0.25, -0.08), compiled=False)
-    free = problem_from_dict({**problem.to_dict(), "cell": "none"})
-    without = po.map_targets(free, counts=(5, 5), low=(0.1, 0.0, -0.08), high=(0.35, 0.25, -0.08), compiled=False)
-    assert found.feasible.sum() > 8
-    scene = found.problem.scene  # without the mounting plane: the shaft goes below it
-    assert all(brute_force.slack(scene, q) >= -1e-7 for q in found.postures[found.feasible])
-    assert any(brute_force.slack(scene, q) < 0 for q in without.postures[without.feasible])
-    assert not np.any(found.feasible & ~without.feasible)
-
-
-@pytest.mark.long
-def test_what_was_checked_is_told() -> None:
-    cell = problem_in_cell("ur10", TABLE, LAMP, position=["0.6 m", "0.2 m", "0.2 m"])
-    told = said(po.select_posture(cell))["collision.checked-with-margin"]
-    assert told.values["bodies"] == ("table", "lamp", "mounting plane", "itself")[: len(told.values["bodies"])]  # type: ignore[arg-type]
-    assert told.values["margin"].value == pytest.approx(0.02)  # type: ignore[union-attr]
-    off = problem_from_dict({**cell.to_dict(), "cell": "none"})
-    solution = po.select_posture(off)
-    assert "collision.switched-off" in said(solution)
-    assert json.loads(json.dumps(solution.to_json()))["clearance"] is None
 
 
 @pytest.mark.skipif(not find_compiler(), reason="no C compiler on this machine")
@@ -129,25 +89,11 @@ def test_what_the_free_end_of_a_tool_passes_through_is_told(height: int, told: b
     thick = {106: 4, 0: 220, 95: 10}[height]
     size = ["300 mm", "300 mm", f"{thick} mm"]
     plate = {"name": "plate", "kind": "box", "size": size, "xyz": ["0.7 m", "0.2 m", f"{height} mm"]}
-    problem = problem_from_dict({
+    problem = po.problem_from_dict({
         "robot": {"kind": "preset", "name": "ur10", "tool": {"xyz": ["0 m", "0 m", "300 mm"], "radius": "10 mm"}},
         "cell": {"obstacles": [plate], "mounting": "none"}, "uncertainty": {"repeatability": "0.1 mm"},
         "task": {"kind": "insert", "position": ["0.7 m", "0.2 m", "0.1 m"]},
     })  # fmt: skip
-    q = po.select_posture(problem_from_dict({**problem.to_dict(), "cell": {"mounting": "none"}})).q
+    q = po.select_posture(po.problem_from_dict({**problem.to_dict(), "cell": {"mounting": "none"}})).q
     assert (problem.scene.pierced(q) == ("plate",)) is told
     assert ("collision.tool-pierces" in said(po.select_posture(problem))) is told
-
-
-@pytest.mark.parametrize("end", ["-250 mm", "-300 mm"])  # a finger, and a ball
-def test_a_tool_of_stated_shape_has_no_free_end(end: str) -> None:
-    """A finger beside the tool axis says nothing of where the tool point is: what it is checked against is known."""
-    finger = {"joint": "tool", "from": ["0 m", "0.1 m", "-300 mm"], "to": ["0 m", "0.1 m", end], "radius": "20 mm"}
-    plate = {"name": "plate", "kind": "box", "size": ["0.3 m", "0.3 m", "4 mm"], "xyz": ["0.7 m", "0.2 m", "0.106 m"]}
-    robot = {"kind": "preset", "name": "ur10", "tool": {"xyz": ["0 m", "0 m", "300 mm"]}, "shape": {"add": [finger]}}
-    problem = problem_from_dict({
-        "robot": robot, "cell": {"obstacles": [plate], "mounting": "none"}, "uncertainty": {"repeatability": "0.1 mm"},
-        "task": {"kind": "insert", "position": ["0.7 m", "0.2 m", "0.1 m"]},
-    })  # fmt: skip
-    q = po.select_posture(problem_from_dict({**problem.to_dict(), "cell": {"mounting": "none"}})).q
-    assert problem.scene.pierced(q) == ()

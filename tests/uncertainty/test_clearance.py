@@ -4,21 +4,25 @@ from __future__ import annotations
 
 import itertools
 import math
+from itertools import product
 
 import numpy as np
 import pytest
 from scipy.integrate import quad
 from scipy.special import log_ndtr, ndtr
-from scipy.stats import ncx2
+from scipy.stats import chi2, ncx2, norm
 
 import posture_opt as po
 from posture_opt.uncertainty.regions.clearance import (
     log_miss_probability,
     miss_probability,
     radius_for,
+    radius_in_space,
     success_probability,
     within_clearance,
 )
+from posture_opt.uncertainty.spread.success_of_all import PlaceErrors, success_of_all
+from tests.helpers.variants import conformance
 
 SKEW = np.array([[2.0, 0.8], [0.8, 0.6]])
 
@@ -92,19 +96,6 @@ def test_a_singular_covariance_with_bias_across_it():
     assert success_probability(along, 1.0, 1.2 * across + 0.1) == 0.0
 
 
-def test_without_scatter_the_bias_decides():
-    assert miss_probability(np.zeros((2, 2)), 1.0, [0.6, 0.7]) == 0.0
-    assert miss_probability(np.zeros((2, 2)), 1.0, [0.8, 0.7]) == 1.0
-    assert log_miss_probability(np.zeros((2, 2)), 1.0) == -math.inf
-    assert radius_for(0.95, np.zeros((2, 2)), [3.0, 4.0]) == 5.0
-
-
-def test_no_clearance_and_all_clearance():
-    assert miss_probability(SKEW, 0.0, [0.1, 0.2]) == 1.0
-    assert miss_probability(SKEW, 0.0) == 1.0
-    assert miss_probability(SKEW, math.inf) == 0.0
-
-
 def test_rare_misses_keep_their_digits():
     # 1e-30 and far below: Rayleigh's distribution, and along a line the tails of the normal one.
     assert miss_probability(np.eye(2), math.sqrt(60 * math.log(10))) == pytest.approx(1e-30, rel=1e-12)
@@ -117,22 +108,6 @@ def test_rare_misses_keep_their_digits():
     # With bias: far out a circle is a straight edge, up to the focusing factor sqrt(r / b) (Laplace again).
     biased = log_miss_probability(np.eye(2), 1000.0, [600.0, 0.0])
     assert biased == pytest.approx(log_ndtr(-400.0) + math.log(1000 / 600) / 2, rel=1e-6)
-
-
-def test_success_keeps_its_digits_when_it_is_rare():
-    # A hole much smaller than the scatter: density times area.
-    r = 1e-5
-    expected = r * r / 2 / math.sqrt(np.linalg.det(SKEW))
-    assert success_probability(SKEW, r) == pytest.approx(expected, rel=1e-5)  # 1 - P leaves 1e-16 of 1e-10
-
-
-def test_radius_of_known_regions():
-    assert radius_for(0.95, np.eye(2)) == pytest.approx(2.447746830680816, rel=1e-13)  # sqrt(-2 ln 0.05)
-    assert radius_for(0.5, np.eye(2)) == pytest.approx(1.1774100225154747, rel=1e-13)  # circular error probable
-    assert radius_for(0.95, [[4.0]]) == pytest.approx(2 * 1.959963984540054, rel=1e-13)
-    # mean + 3 s of the distance, the repeatability of ISO 9283, in the plane and on a line
-    assert radius_for(0.99437, np.eye(2)) == pytest.approx(3.21872, abs=3e-4)
-    assert radius_for(0.99085, np.diag([1.0, 0.0])) == pytest.approx(2.60632, abs=3e-4)
 
 
 @pytest.mark.parametrize("p", [1e-6, 0.05, 0.5, 0.95, 1 - 1e-9])
@@ -182,3 +157,81 @@ def test_in_space_a_long_spread_is_that_of_sampling() -> None:
         hit = float((np.linalg.norm(drawn, axis=1) <= clearance).mean())
         assert within_clearance(C, clearance, bias) == pytest.approx(hit, abs=4 * np.sqrt(0.25 / len(drawn)))
     assert within_clearance(np.zeros((3, 3)), 1.0, np.zeros(3)) == 1.0
+
+
+# --- The 95 % distance in space against the chi distribution, a noncentral one, and Monte Carlo -----------------------
+
+
+def test_isotropic_is_the_chi_quantile() -> None:
+    assert radius_in_space(0.95, 4.0 * np.eye(3), np.zeros(3)) == pytest.approx(
+        2 * np.sqrt(chi2.ppf(0.95, 3)), rel=1e-9
+    )
+
+
+def test_isotropic_with_bias_is_the_noncentral_quantile() -> None:
+    bias = np.array([0.3, -0.8, 1.1])
+    expected = np.sqrt(ncx2.ppf(0.95, 3, float(bias @ bias)))
+    assert radius_in_space(0.95, np.eye(3), bias) == pytest.approx(expected, rel=1e-6)
+
+
+def test_a_line_in_space_is_the_normal_quantile() -> None:
+    # Rank one: the mean over the sphere has a kink at the equator, and the product rule keeps four digits.
+    direction = np.array([1.0, 2.0, -2.0]) / 3
+    assert radius_in_space(0.95, np.outer(direction, direction), np.zeros(3)) == pytest.approx(1.959964, rel=2e-3)
+
+
+@pytest.mark.parametrize("sigmas", [(1.0, 0.5, 0.2), (1.0, 0.9, 0.01), (1.0, 0.05, 0.05)])
+def test_general_is_that_of_a_cloud(sigmas: tuple[float, float, float]) -> None:
+    rng = np.random.default_rng(2)
+    Q = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    C, bias = Q @ np.diag(np.square(sigmas)) @ Q.T, np.array([0.1, 0.2, -0.1])
+    points = rng.multivariate_normal(bias, C, 400_000)
+    inside = np.mean(np.linalg.norm(points, axis=1) <= radius_in_space(0.95, C, bias))
+    # Five standard errors of a proportion of 0.95 from that many draws.
+    assert abs(inside - 0.95) < 5 * np.sqrt(0.95 * 0.05 / len(points))
+
+
+# --- The probability that all places succeed, against plain sampling and against what is known in closed form ---------
+
+
+def drawn(seed: int, K: int, rank: int, scatter: float) -> list[PlaceErrors]:
+    rng = np.random.default_rng(seed)
+    return [
+        PlaceErrors(
+            0.1 * rng.normal(size=2),
+            0.3 * rng.normal(size=(2, rank)) / math.sqrt(rank),
+            scatter * np.diag(rng.uniform(0.01, 0.1, 2)),
+            1.0,
+        )
+        for _ in range(K)
+    ]
+
+
+def sampled(places: list[PlaceErrors], n: int) -> tuple[float, float]:
+    """By plain Monte Carlo, with its standard error."""
+    rng = np.random.default_rng(5)
+    delta, hit = rng.standard_normal((n, places[0].shared.shape[1])), np.ones(n, dtype=bool)
+    for place in places:
+        scatter = rng.multivariate_normal(np.zeros(len(place.bias)), place.scatter, n)
+        hit &= np.linalg.norm(place.bias + delta @ place.shared.T + scatter, axis=1) <= place.clearance
+    return float(hit.mean()), math.sqrt(hit.mean() * (1 - hit.mean()) / n)
+
+
+@pytest.mark.parametrize(
+    ("K", "rank", "scatter"),
+    conformance(product([2, 4, 10], [1, 2, 6, 20], [0.0, 0.3, 1.0]), [(2, 1, 0.3), (2, 6, 0.0), (4, 2, 1.0)]),
+)
+def test_against_plain_sampling(K: int, rank: int, scatter: float) -> None:
+    places = drawn(100 * K + rank, K, rank, scatter)
+    found, (p, error) = success_of_all(places), sampled(places, 200_000)
+    # 36 cases: one in 400 of them lies beyond 4 standard errors by chance.
+    assert abs(found.probability - p) < 4 * math.hypot(error, found.standard_error) + 1e-6
+    assert found.standard_error < 2e-3
+
+
+def test_one_shared_error_across_is_an_interval() -> None:
+    """Two places shifted by one normal number: both succeed where it lies in both intervals."""
+    first = PlaceErrors(np.array([0.2]), np.array([[0.5]]), np.zeros((1, 1)), 1.0)
+    second = PlaceErrors(np.array([-0.1]), np.array([[-0.8]]), np.zeros((1, 1)), 1.0)
+    low, high = max(-1.2 / 0.5, -1.1 / 0.8), min(0.8 / 0.5, 0.9 / 0.8)
+    assert success_of_all([first, second]).probability == pytest.approx(norm.cdf(high) - norm.cdf(low), rel=1e-9)

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.robot.preset import load_preset
-from posture_opt.robot.robot import frame_factors
+from posture_opt.robot import frame_factors
+from posture_opt.uncertainty.moments.integration import SharedFactors
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
 from posture_opt.uncertainty.sources.sources import Sources
-from posture_opt.uncertainty.spread.budget import budgets
 from tests.helpers.moments import correlated, errors_of, scaled
 from tests.helpers.sampled import sampled_pose
+from tests.helpers.shipped import preset_robot
 from tests.helpers.stated import stated
 from tests.helpers.variants import conformance
 
@@ -30,7 +30,7 @@ def with_correlations(sources, R):
 
 def joints(robot="ur10", R=None):
     """One radian at every joint, with the correlations R or none."""
-    sources = errors_of(load_preset(robot), 1.0, 0.1, ("theta",))
+    sources = errors_of(preset_robot(robot), 1.0, 0.1, ("theta",))
     return sources if R is None else with_correlations(sources, R)
 
 
@@ -47,7 +47,7 @@ def equal(k, rho):
 
 def lengths_and_angles():
     """Joint angles, link lengths and offsets of a UR10 all correlated: 1 rad, 0.5 m."""
-    return correlated(errors_of(load_preset("ur10"), 1.0, 0.5, ("theta", "a")), seed=3)
+    return correlated(errors_of(preset_robot("ur10"), 1.0, 0.5, ("theta", "a")), seed=3)
 
 
 def stanford():
@@ -64,7 +64,7 @@ def stanford():
 
 
 def arm_of(name):
-    return stanford() if name == "stanford" else load_preset(name)
+    return stanford() if name == "stanford" else preset_robot(name)
 
 
 def stage_and_angles():
@@ -76,7 +76,7 @@ def stage_and_angles():
 
 def stages_alone():
     """Lengths that vary together, and angles that do not: two nodes a factor, whatever the size."""
-    sources = errors_of(load_preset("ur10"), 1.0, 0.5, ("theta", "a"))
+    sources = errors_of(preset_robot("ur10"), 1.0, 0.5, ("theta", "a"))
     lengths = [k for k, name in enumerate(sources.names) if name.endswith(".a")]
     return with_correlations(sources, pairs(12, (lengths[1], lengths[2], 0.9), (lengths[0], lengths[5], -0.4)))
 
@@ -172,7 +172,7 @@ def random_correlations(rng, k):
 @pytest.mark.parametrize("seed", conformance(range(25), range(3)))
 def test_every_covariance_is_positive_semidefinite(seed):
     rng = np.random.default_rng(seed)
-    robot = load_preset("ur10")
+    robot = preset_robot("ur10")
     sigma = np.radians(10.0 ** rng.uniform(-2, 1.8, 6))
     sources = with_correlations(joints(), random_correlations(rng, 6))
     sources = Sources(sources.names, sources.covariance * np.outer(sigma, sigma))
@@ -193,7 +193,7 @@ def test_every_covariance_is_positive_semidefinite(seed):
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_full_correlation_is_one_error(sign):
     """ρ = ±1 of base.z turned by the first joint's angle: one rotation by twice the angle, or none."""
-    robot = load_preset("ur10")
+    robot = preset_robot("ur10")
     names = ("base.yaw", "shoulder_pan.theta")
     R = np.array([[1.0, sign], [sign, 1.0]])
     upright = replace(robot, base=frame_factors("base", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
@@ -207,39 +207,10 @@ def test_full_correlation_is_one_error(sign):
         np.testing.assert_allclose(both.covariance, 0, atol=1e-15)
 
 
-def test_the_covariance_of_symbols_has_derivatives():
-    tool_point = ToolPoint.of(po.Arm(load_preset("ur10")), scaled(joints(R=equal(6, 0.8)), np.radians(1)))
-    q = ca.SX.sym("q", 6)
-    C = ca.SX(tool_point.moments(ca.vertsplit(q)).covariance)
-    gradient = ca.Function("g", [q], [ca.gradient(ca.trace(C), q)])
-    trace = ca.Function("f", [q], [ca.trace(C)])
-    h = 1e-5
-    steps = h * np.eye(6)
-    differences = [(float(trace(Q6 + s)) - float(trace(Q6 - s))) / (2 * h) for s in steps]
-    np.testing.assert_allclose(gradient(Q6).full()[:, 0], differences, atol=1e-8)  # h² of a trace of 0.01 m²
-    assert ca.Function("f", [q], [C]).n_instructions() < 6000  # of 250 for independent errors
-
-
-def test_shares_of_correlated_sources_are_those_of_the_covariance():
-    spread = spread_of("three pairs that overlap", 20, Q6)
-    u = np.array([0.6, 0.0, 0.8])
-    tool_point = spread.tool_point
-
-    def variance(factors):
-        varied = replace(tool_point, covariance=tool_point.covariance * np.outer(factors, factors))
-        return u @ np.asarray(varied.moments(list(Q6)).covariance) @ u
-
-    steps = 1e-3 * np.eye(6)
-    gradient = np.array([variance(np.exp(s)) - variance(np.exp(-s)) for s in steps])
-    expected = dict(zip(tool_point.names, gradient / gradient.sum(), strict=True))
-    found = {share.parameter: share.share for share in budgets(tool_point, Q6, [u])[0]}
-    assert found == pytest.approx(expected, abs=2e-5)  # differences of step 1e-3, nodes good to 1e-5
-
-
 @pytest.mark.parametrize("big", [1e-3, 0.1, 1.0])
 def test_errors_that_cancel_leave_what_is_small(big):
     """After a calibration the base and the first joint may each be known badly, and their sum well."""
-    robot = replace(load_preset("ur10"), base=frame_factors("base", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
+    robot = replace(preset_robot("ur10"), base=frame_factors("base", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
     names = ("base.yaw", *(f"{joint}.theta" for joint in robot.joint_names))
     small = correlated(Sources(names, 1e-6**2 * np.eye(7)), seed=4).covariance
     loose = np.zeros(7)
@@ -251,3 +222,47 @@ def test_errors_that_cancel_leave_what_is_small(big):
     np.testing.assert_allclose(
         found.covariance, tight.covariance, rtol=0, atol=(1e-6 + rounding) * tight.covariance.max()
     )
+
+
+# --- Correlated sources as independent ones and shared factors: Σ = D + L Lᵀ, as few factors as can be ----------------
+
+
+def correlations(rng, k, rank, own=0.0):
+    A = rng.standard_normal((k, rank))
+    S = A @ A.T + own * np.eye(k)
+    return S / np.sqrt(np.outer(np.diag(S), np.diag(S)))
+
+
+def split(covariance, turning=None):
+    turning = np.ones(len(covariance), dtype=bool) if turning is None else np.array(turning)
+    found = SharedFactors.of(covariance, turning)
+    units = np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))
+    again = np.diag(found.own) + found.loadings @ found.loadings.T
+    np.testing.assert_allclose(again / units, covariance / units, atol=1e-9)  # what the barrier leaves of a zero
+    assert (found.own >= 0).all()
+    return found
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_any_covariance_of_any_rank_is_split(seed):
+    rng = np.random.default_rng(seed)
+    k = int(rng.integers(2, 16))
+    R = correlations(rng, k, int(rng.integers(1, 2 * k)))
+    sigma = 10.0 ** rng.uniform(-9, 0, k)
+    found = split(R * np.outer(sigma, sigma))
+    assert found.count <= max(1, k - 1)
+    # No diagonal of a larger sum was missed: that of the smallest eigenvalue is one that is allowed.
+    assert (found.own / sigma**2).sum() >= k * np.linalg.eigvalsh(R)[0] - 1e-9
+
+
+@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("faint", [1e-4, 1e-6, 1e-8, 1e-11])
+def test_a_combination_without_variance_that_hardly_names_some_sources(seed, faint):
+    # As after a calibration: what the data fix, up to a faint part in sources that are free otherwise. Their diagonal
+    # would leave a negative variance, and errors that cancel would not.
+    rng = np.random.default_rng(seed)
+    v = rng.standard_normal(8)
+    v[2:] *= faint
+    P = np.eye(8) - np.outer(v, v) / (v @ v)
+    R = P @ (correlations(rng, 8, 8) + 0.3 * np.eye(8)) @ P
+    split(R / np.sqrt(np.outer(np.diag(R), np.diag(R))))  # which compares the sum of its parts

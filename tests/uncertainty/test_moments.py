@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 from dataclasses import replace
 from itertools import product
 
@@ -10,16 +12,15 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.model.chain import factor_values, walk
-from posture_opt.robot.preset import load_preset
-from posture_opt.robot.robot import frame_factors
-from posture_opt.uncertainty.moments.exact_moments import plane_of
+from posture_opt.robot import frame_factors
+from posture_opt.uncertainty.moments.gaussian_rules import degree_five, degree_three, quasi_random
 from posture_opt.uncertainty.moments.integration import NodePlan
 from posture_opt.uncertainty.moments.pose_covariance import second_order
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
 from posture_opt.uncertainty.regions.regions import Ellipsoid
 from posture_opt.uncertainty.sources.sources import Sources
 from tests.helpers.moments import correlated, errors_of, planar, raw_moments, scaled
+from tests.helpers.shipped import preset_robot
 from tests.helpers.stated import stated
 from tests.helpers.variants import conformance
 
@@ -80,7 +81,7 @@ def test_the_second_order_has_its_published_errors(posture, t1, t2, first, trace
 
 @pytest.mark.parametrize("scale", [1, 10, 100])
 def test_the_recursion_gives_the_raw_moments(scale):
-    robot = load_preset("puma560")
+    robot = preset_robot("puma560")
     sources = scaled(errors_of(robot, 1e-3, 1e-3), scale)
     m, C = raw_moments(robot, Q6, sources)
     found = moments(stated(robot=robot, sources=sources), Q6)
@@ -93,7 +94,7 @@ def test_the_recursion_gives_the_raw_moments(scale):
 @pytest.mark.parametrize("robot", ["puma560", "planar_2r", "scara"])
 @pytest.mark.parametrize("coupled", [False, True])
 def test_small_errors_keep_their_digits(robot, coupled):
-    robot = load_preset(robot)
+    robot = preset_robot(robot)
     unit = errors_of(robot, 1.0, 1.0, ("theta", "d", "a"))
     q = (0.3, -1.1, 0.1, 0.4)[: robot.n] if robot.n < 6 else Q6
     small = scaled(correlated(unit) if coupled else unit, 1e-7)
@@ -102,26 +103,12 @@ def test_small_errors_keep_their_digits(robot, coupled):
     np.testing.assert_allclose(found.covariance, found.first_order, atol=1e-13 * found.first_order.max())
 
 
-def test_the_plane_may_stand_anyhow():
-    tilted = planar_tilted()
-    flat = planar()
-    coupled = correlated(flat.sources)
-    upright = moments(stated(robot=flat.robot, sources=coupled), (0.4, -1.0))
-    found = moments(stated(robot=tilted, sources=coupled), (0.4, -1.0))
-    base = walk(tilted.base, factor_values(tilted.base, []))
-    R = np.array(base.columns, dtype=float).T
-    np.testing.assert_allclose(found.covariance, R @ upright.covariance @ R.T, atol=1e-18)
-    np.testing.assert_allclose(found.mean, R @ upright.mean + np.array(base.position), atol=1e-15)
-    assert plane_of(tilted) is not None
-    assert plane_of(load_preset("puma560")) is None
-
-
 def planar_tilted():
-    return replace(load_preset("planar_2r"), base=frame_factors("base", (0.1, 0.2, 0.3), (0.4, -0.5, 0.6)))
+    return replace(preset_robot("planar_2r"), base=frame_factors("base", (0.1, 0.2, 0.3), (0.4, -0.5, 0.6)))
 
 
 def test_second_order_against_algorithmic_differentiation():
-    robot = load_preset("puma560")
+    robot = preset_robot("puma560")
     sources = correlated(errors_of(robot, 0.1, 0.1, ("theta", "a", "alpha")))
     arm = po.Arm(robot)
     p = ca.SX.sym("p", len(sources.names))
@@ -142,13 +129,13 @@ def test_second_order_against_algorithmic_differentiation():
 
 
 CASES = {
-    "6R, 30 independent errors": lambda: (load_preset("ur10"), errors_of(load_preset("ur10"), 5e-3, 2e-3), Q6),
-    "planar, all correlated": lambda: (load_preset("planar_2r"), correlated(planar(1, 1).sources), (0.4, -1.0)),
+    "6R, 30 independent errors": lambda: (preset_robot("ur10"), errors_of(preset_robot("ur10"), 5e-3, 2e-3), Q6),
+    "planar, all correlated": lambda: (preset_robot("planar_2r"), correlated(planar(1, 1).sources), (0.4, -1.0)),
     "planar in space, all correlated": lambda: (planar_tilted(), correlated(planar(1, 1).sources), (0.4, -1.0)),
-    "planar, lengths of one machine": lambda: (load_preset("planar_2r"), one_machine(), (0.4, -1.0)),
-    "scara, all correlated": lambda: (load_preset("scara"), scara_errors(), (0.3, -1.1, 0.05, 0.4)),
+    "planar, lengths of one machine": lambda: (preset_robot("planar_2r"), one_machine(), (0.4, -1.0)),
+    "scara, all correlated": lambda: (preset_robot("scara"), scara_errors(), (0.3, -1.1, 0.05, 0.4)),
     "6R, joints and lengths correlated": lambda: (
-        load_preset("puma560"), correlated(errors_of(load_preset("puma560"), 2e-3, 1e-3, ("theta", "a"))), Q6),
+        preset_robot("puma560"), correlated(errors_of(preset_robot("puma560"), 2e-3, 1e-3, ("theta", "a"))), Q6),
 }  # fmt: skip
 
 
@@ -160,7 +147,7 @@ def one_machine():
 
 
 def scara_errors():
-    return correlated(errors_of(load_preset("scara"), 5e-3, 2e-3, ("theta", "d", "a")))
+    return correlated(errors_of(preset_robot("scara"), 5e-3, 2e-3, ("theta", "d", "a")))
 
 
 @pytest.mark.parametrize(
@@ -207,14 +194,35 @@ def test_numbers_arrays_and_symbols_agree(case):
             np.testing.assert_allclose(symbols.full().reshape(value.shape), value, atol=1e-14)
 
 
-def test_sources_without_variance_are_left_out_and_order_does_not_matter():
-    robot = load_preset("ur5")
-    sources = correlated(errors_of(robot, 1e-3, 1e-3, ("theta", "a")))
-    k = len(sources.names)
-    shuffled = np.random.default_rng(1).permutation(k)
-    other = Sources(tuple(sources.names[i] for i in shuffled), sources.covariance[np.ix_(shuffled, shuffled)])
-    padded = np.zeros((k + 1, k + 1))
-    padded[:k, :k] = other.covariance
-    a = moments(stated(robot=robot, sources=sources), Q6)
-    b = moments(stated(robot=robot, sources=Sources((*other.names, "base.x"), padded)), Q6)
-    np.testing.assert_allclose(a.covariance, b.covariance, rtol=1e-12)
+# --- Nodes for normal variables: moments against the normal distribution's, weights positive --------------------------
+
+RULES = {
+    "degree 3": (degree_three, 3),
+    "degree 5": (degree_five, 5),
+    "the other of degree 5": (lambda r: degree_five(r, other=True), 5),
+    "quasi-random": (lambda r: quasi_random(r, 600, np.random.default_rng(1)), 3),
+}
+
+
+def normal_moment(powers):
+    """E Π z_k^{p_k} of independent standard normal variables: the product of (p − 1)!!, zero for odd p."""
+    return math.prod(0 if p % 2 else math.prod(range(1, p, 2)) for p in powers)
+
+
+def moments_agree(nodes, degree, atol):
+    r = nodes.points.shape[1]
+    for total in range(degree + 1):
+        for axes in itertools.combinations_with_replacement(range(r), total):
+            powers = [axes.count(k) for k in range(r)]
+            found = nodes.weights @ np.prod(nodes.points ** np.array(powers), axis=1)
+            assert found == pytest.approx(normal_moment(powers), abs=atol), powers
+
+
+@pytest.mark.parametrize("r", [1, 2, 3, 4, 5, 6, 9])
+@pytest.mark.parametrize("name", RULES)
+def test_polynomials_are_exact_up_to_the_degree(name, r):
+    build, degree = RULES[name]
+    nodes = build(r)
+    assert (nodes.weights > 0).all()
+    assert nodes.points.shape == (nodes.count, r)
+    moments_agree(nodes, degree, 1e-12)  # sums of some hundred terms of up to r²

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -129,14 +128,6 @@ def test_the_worse_end_is_what_is_made_small() -> None:
     assert worse(solution.q) <= least * 1.0005
 
 
-@pytest.mark.long
-def test_a_longer_peg_scatters_no_less_and_may_want_another_posture() -> None:
-    sizes = [po.select_posture(problem("ur10", length=f"{mm} mm")).critical.sigma_max for mm in (1, 100, 400)]
-    assert sizes[0] <= sizes[1] * (1 + 1e-6)
-    without = problem("ur10").with_task("insert", length=None)
-    assert sizes[0] == pytest.approx(po.select_posture(without).critical.sigma_max, rel=5e-3)
-
-
 def test_effects_and_correlated_errors_reach_both_ends() -> None:
     given = problem("ur10", clearance="0.3 mm")
     document = given.to_dict()
@@ -164,23 +155,3 @@ def test_effects_and_correlated_errors_reach_both_ends() -> None:
 def test_half_a_peg_is_refused(task: dict[str, Any], message: str) -> None:
     with pytest.raises(po.errors.InputError, match=message):
         problem("ur10", **task)
-
-
-def test_an_arm_that_cannot_point_its_tool_has_no_use_for_a_length() -> None:
-    given = po.load_problem("insert_planar_2r_fixed_hole").with_task("insert", length="50 mm")
-    with pytest.raises(po.errors.InputError, match="cannot bring along the direction"):
-        po.select_posture(given)
-
-
-def test_a_peg_is_told_in_report_and_document() -> None:
-    solution = po.select_posture(problem("ur10", clearance="0.5 mm", diameter="10 mm", friction=0.3))
-    text, document = str(solution.report()), solution.to_json()
-    for words in ("Tip ", "Top end ", "Two-point contact", "Wedging", "both ends within"):
-        assert words in text
-    peg = document["peg"]
-    assert [end["name"] for end in peg["ends"]] == ["tip", "top end"]
-    assert peg["two_point_contact"]["angle"] == pytest.approx(2 * 0.5e-3 / 0.3)
-    assert replace(solution.task_spread, peg=None).to_json().keys() == document.keys() & {
-        "critical",
-        "success_probability",
-    }

@@ -9,10 +9,9 @@ import pytest
 
 import posture_opt as po
 from posture_opt.model.toolchain import find_compiler
-from posture_opt.robot.preset import load_preset
-from posture_opt.uncertainty.sources.sources import Sources
 from tests.helpers.factors import random_postures
 from tests.helpers.moments import correlated, errors_of, planar
+from tests.helpers.shipped import preset_robot
 from tests.helpers.stated import stated
 from tests.helpers.variants import STRUCTURES, conformance
 
@@ -20,7 +19,7 @@ needs_compiler = pytest.mark.skipif(not find_compiler(), reason="no C compiler o
 
 
 def problem(name, angle=0.05, length=0.01, kinds=("theta", "a", "d"), coupled=False):
-    robot = load_preset(name)
+    robot = preset_robot(name)
     sources = errors_of(robot, angle, length, kinds)
     return stated(robot=robot, sources=correlated(sources) if coupled else sources)
 
@@ -57,18 +56,6 @@ def test_it_gives_what_propagate_gives(name, coupled, compiled):
 
 
 @needs_compiler
-def test_blocks_do_not_show():
-    given = problem("ur5")
-    spread_at = po.SpreadFunction(given)
-    Q = random_postures(given.robot, 200_003)
-    found = spread_at(Q)
-    assert found.shape == (200_003, 3, 3)
-    for row in (0, 99_999, 100_000, 199_999, 200_002):
-        np.testing.assert_array_equal(found[row], spread_at(Q[row]))
-    np.testing.assert_array_equal(found, np.swapaxes(found, 1, 2))
-
-
-@needs_compiler
 def test_memory_is_linear_in_the_postures():
     given = problem("ur5")
     spread_at = po.SpreadFunction(given)
@@ -99,15 +86,6 @@ def test_postures_are_read_strictly():
             spread_at(Q)
         assert words in str(caught.value)
         assert "joint1, joint2" in str(caught.value)
-
-
-def test_nothing_uncertain_is_refused_and_no_variance_is_zero():
-    robot = load_preset("planar_2r")
-    with pytest.raises(po.errors.InputError, match="nothing is uncertain"):
-        po.SpreadFunction(stated(robot=robot, sources=Sources()))
-    still = po.SpreadFunction(stated(robot=robot, sources=Sources(("joint1.a",), np.zeros((1, 1)))), compiled=False)
-    np.testing.assert_array_equal(still([[0.1, 0.2]]), np.zeros((1, 3, 3)))
-    np.testing.assert_array_equal(still.first_order([[0.1, 0.2]]), np.zeros((1, 3, 3)))
 
 
 def drawn_points(given, q, count, seed):
@@ -157,15 +135,3 @@ def test_the_stated_error_is_that_of_large_correlated_errors():
     off = max(along_any_direction(C, po.propagate(given, q).covariance) for C, q in zip(spread_at(Q), Q, strict=True))
     assert off < 0.01
     assert off / 3 < spread_at.relative_error < 3 * off
-
-
-def test_few_or_no_postures_of_many_nodes():
-    given = problem("ur5", angle=np.radians(10), kinds=("theta",), coupled=True)
-    spread_at = po.SpreadFunction(given, compiled=False)
-    Q = random_postures(given.robot, 90)
-    whole, mean = spread_at(Q), spread_at.mean(Q)
-    assert spread_at(Q[:0]).shape == (0, 3, 3)
-    np.testing.assert_allclose(spread_at(Q[89]), whole[89], rtol=1e-12)
-    np.testing.assert_allclose(spread_at.mean(Q[89]), mean[89], rtol=1e-12)
-    np.testing.assert_array_equal(whole, np.swapaxes(whole, 1, 2))
-    assert (np.linalg.eigvalsh(whole) > 0).all()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 import pytest
@@ -77,14 +76,6 @@ def test_a_simulation_counts_what_stays_within_the_clearance() -> None:
     assert counted.values["hits"] == pytest.approx(20_000 * document["success_probability"])
 
 
-@pytest.mark.parametrize("call", [po.propagate, po.simulate])
-def test_without_a_task_there_is_none(call: Any) -> None:
-    found = call(po.problem_from_dict(PLANAR), [0.3, 0.5])
-    document = found.to_json()
-    assert document["task"] is document["critical"] is document["success_probability"] is None
-    assert "clearance" not in found.report()
-
-
 def test_a_hole_across_the_plane_of_a_planar_arm_has_two_directions() -> None:
     # Both directions of the plane count; with one of them the answer would be the other elbow or another number.
     task = {"kind": "insert", "direction": [0, 0, -1], "position": ["0.9 m", "0.4 m", "0 m"], "clearance": "80 mm"}
@@ -102,15 +93,3 @@ def test_a_hole_across_the_plane_of_a_planar_arm_has_two_directions() -> None:
     seen = po.propagate(problem, solution.q).for_task
     assert seen is not None
     assert seen.success_probability == pytest.approx(solution.success_probability)
-
-
-def test_what_nothing_moves_does_not_scatter() -> None:
-    # A tilted base leaves 1e-17 in the rotation matrices; its root would be told as a length.
-    robot = {**PLANAR["robot"], "base": {"rpy": ["30 deg", "20 deg", "10 deg"]}}
-    tilted = po.problem_from_dict({**PLANAR, "robot": robot})
-    turned = np.array(po.propagate(tilted, [0.3, 0.5]).to_json()["ellipse"]["axes"])
-    normal = np.cross(*turned)
-    problem = tilted.with_task("probe", direction=normal.tolist())
-    seen = po.propagate(problem, [0.3, 0.5]).for_task
-    assert seen is not None
-    assert seen.critical.sigma_max == seen.sigma_along == 0.0

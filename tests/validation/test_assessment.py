@@ -11,7 +11,6 @@ import posture_opt as po
 from posture_opt.measurements.measurements import group_means
 from posture_opt.validation.model_errors import block_tests, holm_rejections, mean_test, trend_line
 from tests.helpers.planar_2r import position, postures_at
-from tests.helpers.real_arms import DATA, needs_real_arms
 
 NOISE = 2e-5  # m, of each measured coordinate
 SHAKE = np.array([1e-4, 2e-4])  # rad, of the joints from repeat to repeat
@@ -53,17 +52,6 @@ def assessed() -> tuple[Any, po.Measurements, Any, Any]:
     return problem, data, calibration, po.assess(problem, data, calibration)
 
 
-def test_a_calibration_knows_its_problem_and_its_measurements(assessed: Any) -> None:
-    problem, data, calibration, found = assessed
-    assert po.assess(calibration).to_json() == found.to_json()
-    check = po.check_spread(calibration)
-    assert check.to_json() == po.check_spread(problem, data, calibration).to_json()
-    with pytest.raises(TypeError, match="calibration alone"):
-        po.assess(problem, data)
-    with pytest.raises(TypeError, match="calibration alone"):
-        po.check_spread(calibration, data)
-
-
 def test_statistics_by_axis_are_those_of_the_errors(assessed: Any) -> None:
     _, _, calibration, found = assessed
     for model, errors in ((found.nominal, calibration.errors_nominal), (found.calibrated, calibration.errors)):
@@ -82,18 +70,6 @@ def test_statistics_by_axis_are_those_of_the_errors(assessed: Any) -> None:
         assert by_name["all"].rms == pytest.approx(np.sqrt(np.mean(np.sum(e**2, axis=1))))
     assert found.nominal.deviations[-1].rms == pytest.approx(calibration.nominal.rms)
     assert found.calibrated.deviations[-1].rms == pytest.approx(calibration.calibrated.rms)
-
-
-def test_the_sign_is_that_of_measured_minus_model() -> None:
-    problem = planar()
-    # Nearly straight along x, so that a longer second link shifts all points that way.
-    q = np.random.default_rng(2).uniform(-0.8, 0.8, (60, 2))
-    points = position(q, (1.0, 1.0 + LONGER))
-    data = measured(problem, q, points + np.random.default_rng(3).normal(0, NOISE, (60, 2)))
-    found = po.assess(problem, data, po.calibrate(problem, data))
-    # 60 rows of 20 µm: the mean is good to 2.6 µm.
-    assert found.nominal.deviations[0].bias == pytest.approx(LONGER * np.cos(q.sum(axis=1)).mean(), abs=1.3e-5)
-    assert not found.nominal.mean.zero
 
 
 def test_hotelling_by_hand() -> None:
@@ -202,17 +178,6 @@ def test_scatter_of_visits_is_pooled_about_the_means_of_their_poses(assessed: An
     assert low < found.repeats.sigma < high
 
 
-def test_pairs_of_visits_tell_the_scatter_but_no_repeatability_of_a_pose() -> None:
-    rng = np.random.default_rng(9)
-    problem = planar()
-    q = np.repeat(rng.uniform(-2.5, 2.5, (200, 2)), 2, axis=0)
-    data = measured(problem, q, position(q) + rng.normal(0, NOISE, q.shape))
-    found = po.assess(problem, data, po.calibrate(problem, data)).repeats
-    assert found.poses == ()
-    assert found.sigma == pytest.approx(NOISE, rel=0.15)  # 400 of freedom: ± 3.5 %, four of them
-    assert found.interval[0] < NOISE < found.interval[1]
-
-
 def test_joint_values_that_were_read_back_make_visits_too_and_a_slip_is_left_out() -> None:
     rng = np.random.default_rng(19)
     problem = planar()
@@ -248,29 +213,6 @@ def test_one_goal_in_two_postures_lands_apart_as_the_longer_link_has_it() -> Non
     assert goals.said["calibrated"].median == pytest.approx(goals.measured.median, rel=0.05)
 
 
-def test_what_remains_is_drawn_for_the_samples_there_are(assessed: Any) -> None:
-    from scipy.stats import f
-
-    _, _, calibration, found = assessed
-    e = calibration.errors[:, :2]
-    np.testing.assert_allclose(found.residual_scatter.ellipse.covariance, e.T @ e / len(e), rtol=1e-12)
-    # C about a known mean of zero from 40 independent poses: T² is 2 · 40 / 39 times F(2, 39).
-    assert found.residual_scatter.dof == 40
-    assert found.residual_scatter.factor == pytest.approx(np.sqrt(2 * 40 / 39 * f.ppf(0.95, 2, 39)), rel=1e-9)
-    assert found.residual_scatter.factor > 2.448  # of a covariance that is known
-    assert found.residual_scatter.inside == pytest.approx(0.95, abs=0.03)
-
-
-@needs_real_arms
-def test_ur10_lands_two_millimetres_apart_in_two_postures() -> None:
-    problem = po.load_problem(DATA / "ipa_ur10" / "problem.yaml")
-    data = po.read_measurements(DATA / "ipa_ur10" / "series_b.csv", problem)
-    goals = po.assess(problem, data, po.calibrate(problem, data)).goals
-    assert goals.goals == 737  # of 738: one row is an outlier
-    assert goals.measured.median == pytest.approx(2.04e-3, abs=0.01e-3)  # published with the data
-    assert goals.missed["calibrated"].median < 0.3501e-3  # by arms that have not seen the posture
-
-
 def test_a_planar_arm_measured_in_space_without_an_error_across_its_plane() -> None:
     rng = np.random.default_rng(12)
     problem = planar()
@@ -283,16 +225,6 @@ def test_a_planar_arm_measured_in_space_without_an_error_across_its_plane() -> N
     assert found.residual_scatter.factor == pytest.approx(2.5, abs=0.1)  # of a plane: in space it were 2.95
     assert calibration.coverage["calibrated"] > 0.8
     assert "link_length" in [effect.kind for effect in po.diagnose(problem, data).effects]
-
-
-def test_data_without_any_error_leave_nothing_to_assess() -> None:
-    q = np.random.default_rng(13).uniform(-2.5, 2.5, (40, 2))
-    problem = planar()
-    data = measured(problem, q, position(q))
-    found = po.assess(problem, data, po.calibrate(problem, data))
-    assert found.calibrated.zero
-    assert found.residual_scatter is None
-    assert found.calibrated.coordinate == 0
 
 
 def test_a_drift_is_found_with_its_size_and_time_like_noise_is_none() -> None:

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-import posture_opt as po
 from posture_opt.validation.joint_variances import estimate_joint_variances
 from posture_opt.validation.scatter_model import Scatter
 
@@ -117,11 +116,3 @@ def test_a_joint_without_scatter_stays_at_zero_and_its_bound_holds() -> None:
     # At the edge half of the estimates are zero, and half a likelihood's 5 % are above: 50 ± 5 and 97.5 ± 1.6.
     assert 35 <= at_zero <= 65
     assert held >= 93
-
-
-def test_nothing_repeated_or_too_little_is_refused() -> None:
-    errors, J, _ = visits(np.random.default_rng(8), 5, 1)
-    with pytest.raises(po.errors.InsufficientDataError, match="no posture was measured twice"):
-        estimate_joint_variances(errors, J, groups=np.arange(5), instrument=NOISE)
-    with pytest.raises(po.errors.InsufficientDataError, match="more repeats"):
-        estimate_joint_variances(errors[:2], J[:2], groups=np.zeros(2), instrument=NOISE, fit_instrument=True)

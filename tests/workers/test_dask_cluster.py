@@ -6,15 +6,12 @@ import json
 import os
 import re
 import signal
-import socket
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 import posture_opt as po
@@ -74,16 +71,6 @@ def test_a_map_is_that_of_one_process_though_a_worker_is_killed(client: Any, mon
     assert plain(shared.to_json()) == plain(alone.to_json())
 
 
-@pytest.mark.conformance  # always: a map, on the command line
-def test_batch_and_plan_are_those_of_one_process(client: Any) -> None:
-    problems = {name: po.load_problem(name) for name in ("insert_planar_2r", "insert_planar_2r_fixed_hole")}
-    alone, shared = (po.select_postures(problems, executor=executor) for executor in (None, client))
-    assert plain(shared.to_json()) == plain(alone.to_json())
-    measured = po.load_problem("insert_planar_2r_measured")
-    plans = [po.plan_measurements(measured, 10, candidates=200, executor=executor).q for executor in (None, client)]
-    np.testing.assert_array_equal(*plans)
-
-
 def test_the_command_takes_the_address_of_a_scheduler(client: Any, cluster: Any) -> None:
     words = ["map", "--problem", "insert_scara", "--grid", "6x6", "--json"]
     alone, shared = invoke(*words), invoke(*words, "--scheduler", cluster.scheduler_address)
@@ -111,27 +98,6 @@ def test_an_address_that_is_none(address: str, told: str) -> None:
     result = invoke("map", "--problem", "insert_scara", "--grid", "3x3", "--scheduler", address)
     assert result.exit_code == 2
     assert told in result.stderr
-
-
-@pytest.mark.long
-def test_nobody_there_is_told_at_once() -> None:
-    pytest.importorskip("distributed", reason="the extra cluster is not installed")
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        address = f"tcp://127.0.0.1:{taken.getsockname()[1]}"
-    began = time.monotonic()
-    result = invoke("map", "--problem", "insert_scara", "--grid", "3x3", "--scheduler", address)
-    assert time.monotonic() - began < 5
-    assert result.exit_code == 2
-    assert "no scheduler answers (connection refused) – start one" in result.stderr
-
-
-@pytest.mark.long
-def test_without_dask_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "distributed", None)
-    result = invoke("map", "--problem", "insert_scara", "--grid", "3x3", "--scheduler", "local")
-    assert result.exit_code == 2
-    assert "pip install 'posture_opt[cluster]'" in result.stderr
 
 
 LOCAL = """

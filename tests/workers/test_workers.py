@@ -15,7 +15,6 @@ from typing import Any
 import pytest
 
 import posture_opt as po
-from posture_opt.problem.load import load_builtin
 from posture_opt.workers import Serial, Workers, opened
 from posture_opt.workers.processes import ProcessWorkers
 from tests.helpers.fresh import ROOT
@@ -114,7 +113,7 @@ GRID: dict[str, Any] = {"counts": (9, 9), "low": (-0.4, -0.4, -0.08), "high": (0
 
 
 def test_a_map_is_the_same_whoever_makes_it() -> None:
-    problem = load_builtin("insert_scara")
+    problem = po.load_problem("insert_scara")
     alone, *others = (
         po.map_targets(problem, executor=executor, **GRID).to_json() | {"seconds": 0.0}
         for executor in (Serial(), ProcessWorkers(3))
