@@ -11,13 +11,16 @@ import pytest
 import posture_opt as po
 from posture_opt.calibration.assumptions.contradictions import GeometricDeviation
 from posture_opt.calibration.start_up import ScatterChange
+from posture_opt.diagnosis.cause_statements import of_one_type
 from posture_opt.diagnosis.causes.causes import Finding
 from posture_opt.model.effects import (
     BaseCompliance,
+    CyclicError,
     JointCompliance,
     JointScale,
     Slip,
 )
+from posture_opt.model.effects.base.cause import FittedSizes
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PROBLEM, write
 
@@ -125,3 +128,23 @@ def test_what_is_left_is_held_against_noise(found: po.Diagnosis, low: float, hig
     cost = found.held_out_noise
     left = replace(found.errors["extended"], interval=(low * cost, high * cost))
     assert id in said(found, errors={**found.errors, "extended": left})
+
+
+def wave(joint: str, cycles: float, *further: float, resolution: float = 0.0) -> Finding:
+    names = [f"{part}{'' if i == 0 else f' {i + 1}'}" for i in range(1 + len(further)) for part in ("sin", "cos")]
+    shape = {f"cycles{'' if i == 0 else f' {i + 1}'}": (c, 0.1, "1") for i, c in enumerate((cycles, *further))}
+    estimate = dict.fromkeys(names, (0.0001, 1e-06, "rad")) | shape
+    sizes = FittedSizes(estimate, span=3.0, resolution=resolution)
+    return Finding(CyclicError(joint=joint, cycles=cycles, further=further), estimate, 1e-9, 0.3, fitted=sizes)
+
+
+def test_lines_of_several_joints_that_are_alike_are_of_the_type_of_drive(found: po.Diagnosis) -> None:
+    """18 and 19.5 cycles are one band over a range that tells frequencies of 2 apart; 16.2 is 1.8 below it."""
+    for second, groups in ((17.4, 1), (20.8, 0)):
+        assert len(of_one_type([wave("joint1", 17.2), wave("joint2", second)])) == groups
+    assert list(of_one_type([wave("joint2", 19.5, 18.0, resolution=2.0), wave("joint1", 16.2, resolution=2.0)])) == [
+        (16.2, 19.5)
+    ]
+    assert not of_one_type([wave("joint2", 19.5, 18.0, resolution=2.0), wave("joint1", 16.2, resolution=1.0)])
+    alike = said(found, wave("joint1", 17.2), wave("joint2", 17.4))["alike-drives"]
+    assert (alike.values["numbers"], alike.values["cycles"]) == (("1", "2"), "17 to 18")

@@ -153,3 +153,16 @@ def test_visits_stand_beside_the_ellipse_that_joints_and_instrument_predict(
         (dots,) = [li for li in axes.lines if li.get_label() == "visits about their mean"]
         offsets = 1e3 * (data.position[row : row + 8, :2] - data.position[row : row + 8, :2].mean(axis=0))
         np.testing.assert_allclose(dots.get_xydata(), offsets, atol=1e-9)
+
+
+def test_directions_and_repeats_stand_in_tables(visited: Any, once: Any) -> None:
+    found, report = visited[1], visited[1].report()
+    assert re.search(r"^along the task \(-y\) +before calibration", report, re.MULTILINE)
+    across = next(d for d in found.nominal.deviations if d.name == "across")
+    row = re.search(r"^across the task +before calibration +(\S+) +(\S+)", report, re.MULTILINE)
+    assert row
+    assert float(row[2]) == pytest.approx(1e3 * across.rms, abs=6e-4)
+    worst = max(pose.nominal.repeatability for pose in found.repeats.poses)
+    assert re.search(rf"^RP .* {1e3 * worst:.3f} ", report, re.MULTILINE)
+    assert said(found)["repeats-below-standard"].values == {"standard": 30, "least": 8}
+    assert "repeatability-unknown" in said(once[1])

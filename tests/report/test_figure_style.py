@@ -59,7 +59,10 @@ RESULTS: dict[str, Callable[[], Any]] = {
 }
 
 
-@pytest.fixture(scope="module", params=conformance(RESULTS, ["planar", "in space", "map"]))
+ALWAYS = ["planar", "in space", "map", "features", "accuracy", "calibration"]
+
+
+@pytest.fixture(scope="module", params=conformance(RESULTS, ALWAYS))
 def figures(request: pytest.FixtureRequest) -> dict[str, Figure]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(shaded_picture, "DPI", 40)  # the grain of the shaded arm changes no text

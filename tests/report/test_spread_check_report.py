@@ -57,3 +57,11 @@ def test_long_tails_are_told_from_a_wrong_size() -> None:
     found = checked(arm({"scatter": {"j1.theta": "1 mrad", "j2.theta": "2 mrad"}}), q, points)
     assert found.coverage["nominal"].held(0.5) > 0.7
     assert ("validation.more-concentrated", "nominal") in [(one.id, one.about) for one in found.statements]
+
+
+def test_the_report_has_a_table_of_each_kind(understated: po.SpreadCheck) -> None:
+    """The one snapshot: block titles, and lines that fit."""
+    report = understated.report()
+    assert max(map(len, report.splitlines())) <= 100
+    blocks = ["Coverage of the predicted spread", "Repeats against the predicted scatter", "Scatter of each joint"]
+    assert [block.title for block in understated.document().blocks] == blocks
