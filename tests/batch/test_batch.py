@@ -288,3 +288,16 @@ def test_a_base_that_is_off_does_not_hide_how_lengths_vary(tmp_path: Path) -> No
     assert np.mean([kinds == ["base_frame"] for kinds in refuted]) > 0.9
     assert ("correlated_lengths", "joint1.a, joint2.a") in [(f.kind, f.target) for f in found.effects]
     assert "batch.refuted" in {one.id for one in found.batch.statements}
+
+
+def test_a_batch_whose_postures_are_measured_once_does_not_tell_which_joint_scatters() -> None:
+    example = po.load_problem("insert_planar_2r_measured")
+    found = po.diagnose_batch(example, po.read_measurements(PROBLEMS / "planar_2r_batch.csv", example))
+    document = found.to_json()
+    assert [e["kind"] for e in document["effects"]] == ["correlated_lengths"]
+    assert document["verdict"] == "unexplained"
+    assert set(document["unexplained"]["place"]) == {"joint1", "joint2"}
+    assert document["unexplained"]["p_value"] < 0.002
+    (uneven,) = (one for one in found.statements if one.id == "diagnosis.uneven")
+    assert uneven.about == "joint1 and joint2"
+    assert found.statements[0].id == "batch.causes"

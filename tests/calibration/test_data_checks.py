@@ -244,3 +244,16 @@ def test_a_distance_that_is_stated_wrongly_is_doubted() -> None:
     right = planar_touches(np.random.default_rng(4), 0.0)
     said = [{s["id"] for s in found.to_json()["statements"]} for found in (wrong, right)]
     assert ["calibration.distance-doubted" in ids for ids in said] == [True, False]
+
+
+def test_an_arm_without_lengths_does_not_tell_its_size_by_touching() -> None:
+    problem, data = touching(["0 m", "0 m"])
+    with pytest.raises(po.errors.InsufficientDataError, match=r"size of this arm.*distances: \[\[a, b, 50 mm\]\]"):
+        po.calibrate(problem, data)
+
+
+def test_a_diagnosis_says_it_too(tmp_path: Path) -> None:
+    calibration = calibrated(tmp_path, "ur5e", "ur10e", True)
+    found = po.diagnose(calibration.request.problem, calibration.request.data, plan=False, flips=99)
+    assert found.to_json()["other_preset"]["name"] == "ur5e"
+    assert "calibration.other-preset" in {s["id"] for s in found.to_json()["statements"]}

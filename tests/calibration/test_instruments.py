@@ -104,3 +104,16 @@ def test_a_level_finds_the_angles_that_it_sees() -> None:
     joints = {axes.get_xlabel().partition(" ")[0] for axes in drawn.axes}
     assert "elbow" in joints
     assert "shoulder_pan" not in joints  # which turns about the vertical
+
+
+def test_another_file_has_planes_of_its_own() -> None:
+    rng = np.random.default_rng(7)
+    arm = TrueArm.drawn(rng)
+    given = problem(["30 mm", "-20 mm", "120 mm"])
+    data, other = (po.read_measurements(plane_table(arm, rng, n, SIGMA), given) for n in (40, 12))
+    found = po.calibrate(given, data, test=other, plan=False)
+    assert found.test is not None
+    assert found.test.models["calibrated"].rms < 2 * SIGMA < 0.2 * found.test.models["nominal"].rms
+    wire = po.read_measurements(distance_table(arm, rng, 5, SIGMA), given)
+    with pytest.raises(po.errors.InputError, match="the test file holds distances, the first file touches of planes"):
+        po.calibrate(given, data, test=wire, plan=False)

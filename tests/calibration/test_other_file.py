@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import json
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 
 import posture_opt as po
 from posture_opt.calibration.second_file import OtherFile
+from tests.helpers.command_line import invoke
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PROBLEM
 
@@ -105,3 +107,14 @@ def test_rows_outside_the_measured_ranges_are_counted_and_shown_apart(learned: P
     expected = np.sqrt(np.mean(np.sum(found.errors["calibrated"][out] ** 2, axis=1)))
     assert document["calibrated"]["rms_outside_training"] == pytest.approx(expected)
     assert predicted(learned, learned).to_json()["rows_outside_training"] == 0
+
+
+def test_calibrate_says_where_it_does_not_hold(learned: Path, tmp_path: Path) -> None:
+    drawn = [(name, q, p - position(q, LONG) + position(q)) for name, q, p in rows("a", 40, 10)]
+    other = table(tmp_path / "other.csv", drawn)
+    (tmp_path / "problem.yaml").write_text(json.dumps(PROBLEM), encoding="utf-8")
+    words = ["calibrate", str(learned), "--problem", str(tmp_path / "problem.yaml"), "--test", str(other)]
+    document = json.loads(invoke(*words, "--json").stdout)
+    assert "calibration.test-fails" in {s["id"] for s in document["statements"]}
+    assert document["test"]["improves"] is False
+    assert document["test"]["rows"] == 40

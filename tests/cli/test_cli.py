@@ -284,3 +284,11 @@ def test_words_that_are_no_text_are_refused() -> None:
         result = invoke(*words)
         assert result.exit_code == 2
         assert r"the argument is not UTF-8" in result.stderr
+
+
+@pytest.mark.parametrize("command", [["uncertainty", *DOWN], ["simulate", *DOWN], ["--task", "insert"]])
+def test_nothing_uncertain_names_the_option(command: list[str]) -> None:
+    result = invoke(*command, "--robot", "planar_2r")
+    assert result.exit_code == 2
+    assert result.stderr.startswith("error: --sigma: nothing is uncertain")
+    assert '– write for example --sigma "0.02 deg"' in result.stderr

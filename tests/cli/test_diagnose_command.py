@@ -207,3 +207,14 @@ def test_wrong_use_is_told(folder: Path, words: list[str], message: str, tmp_pat
 
 def told(effect: Effect, values: dict[str, tuple[float, float, str]]) -> dict[str, str]:
     return {size.label: str(size) for size in effect.sizes(FittedSizes(values))}
+
+
+def test_too_few_rows_are_a_verdict_too(folder: Path, tmp_path: Path) -> None:
+    words = ["--problem", folder / "problem.yaml", "--out", tmp_path / "out", "--json"]
+    result = run(folder / "few.csv", *words)
+    assert result.exit_code == 4
+    assert "measure at least" in result.stderr
+    found = json.loads(result.stdout)
+    assert found["verdict"] == "insufficient_data"
+    assert "measure at least" in found["message"]
+    assert not (tmp_path / "out").exists()

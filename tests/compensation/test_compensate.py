@@ -160,3 +160,10 @@ def test_targets_of_another_frame_are_told_at_once() -> None:
     assert "(2500, -800, 150) mm" in str(failed.value)
     inside = po.problem_from_dict({"robot": {"kind": "preset", "name": "ur10"}})
     assert po.compensate(inside, targets).reached.all()
+
+
+def test_postures_beyond_the_limits_are_refused() -> None:
+    q = postures(2)
+    q[1, 2] = 7.0
+    with pytest.raises(po.errors.InputError, match=r"2: elbow: 7 rad lies beyond its limits"):
+        po.compensate(ur10(), table(ur10(), q))

@@ -305,3 +305,15 @@ def test_a_mixed_plan_with_a_camera_is_filled_in_and_calibrated(tmp_path: Path) 
     assert len(again) == 2 * (2 * len(SCENE.corners) * pictures + len(plan.q) - pictures)
     found = po.calibrate(given, again, plan=False, folds=2)
     assert 0.8 < found.variance < 1.25
+
+
+def test_a_plan_for_a_recheck_reads_lengths_to_the_anchors_of_the_given_rows() -> None:
+    rng = np.random.default_rng(37)
+    arm, given = TrueArm.drawn(rng), problem("distance")
+    data = po.read_measurements(distance_table(arm, rng, 8, SIGMA), given)
+    plan = po.plan_measurements(given, 6, given=data, purpose="recheck", candidates=40)
+    code = np.array([int(name.removeprefix("bar")) for name in plan.places])
+    length = np.linalg.norm(arm.point(plan.q) - ANCHORS[code], axis=1)
+    assert np.all(length < data.reading.max() + 5e-3)
+    assert {p.name for p in plan.parameters if p.group == "place"} >= {f"anchor[bar{k}].x" for k in range(4)}
+    assert plan.gain > 1

@@ -461,3 +461,15 @@ def test_the_command_prints_its_address_and_ends_by_a_signal() -> None:
         out, _ = process.communicate(timeout=60)
         assert out == ""
         assert process.returncode == 128 + 15
+
+
+def test_an_obstacle_that_another_browser_removed_moves_no_more() -> None:
+    problem, sent = po.load_problem("insert_scara_cell"), []
+    with problem.explore(port=18145) as page:
+        panel = page._panel.obstacles
+        panel._which.value = panel._names()[0]
+        panel._choose()
+        panel._which.value = "none"
+        panel._changed = sent.append
+        panel.move(np.array([0.1, 0.2, 0.3]))
+    assert not sent

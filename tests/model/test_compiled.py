@@ -396,3 +396,27 @@ def test_without_a_compiler_rows_are_interpreted(monkeypatch: pytest.MonkeyPatch
     np.testing.assert_allclose(rows(np.eye(2)), np.sin(np.eye(2)), rtol=1e-15)
     with pytest.raises(po.errors.InputError, match="nothing compiled"):
         lanes(ca.sin(x), x, compiled=True)
+
+
+@needs_compiler
+def test_what_was_not_compiled_before_can_be_refused(compilations: list[tuple[str, ...]]) -> None:
+    with toolchain.compiled_before(), pytest.raises(toolchain.NotCompiledError):
+        BatchFunction(planar())
+    assert not compilations
+    BatchFunction(planar())
+    with toolchain.compiled_before():
+        assert BatchFunction(planar()).compiled
+    assert len(compilations) == 1
+
+
+def in_another_process(**environment: str) -> str:
+    """Whether it compiles there, and the shape of an answer: this process must not have the library mapped."""
+    done = subprocess.run(
+        [sys.executable, "-c", CHECKED],
+        capture_output=True,
+        text=True,
+        cwd=Path(__file__).parents[2],
+        env={**os.environ, **environment},
+    )
+    assert done.returncode == 0, (done.returncode, done.stderr)
+    return done.stdout

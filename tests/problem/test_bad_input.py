@@ -295,3 +295,16 @@ def test_junk_anywhere_is_told_in_plain_words() -> None:
     assert len(told) > 1000
     assert all(issue.key for issue in told)
     assert [str(issue) for issue in told if re.search(JARGON, str(issue))] == []
+
+
+def test_places_that_are_no_files(tmp_path: Path) -> None:
+    (tmp_path / "arm.yaml").write_text(ROBOT)
+    with pytest.raises(
+        po.errors.InputError, match=r"no such file: .*amr\.yaml – did you mean .*arm\.yaml in the same folder\?"
+    ):
+        po.load_problem(tmp_path / "amr.yaml")
+    with pytest.raises(po.errors.InputError, match="this is a folder"):
+        po.load_problem(tmp_path)
+    (tmp_path / "latin.yaml").write_bytes(b"name: x\nrobot: caf\xe9\n")
+    with pytest.raises(po.errors.InputError, match=r"latin\.yaml:2: not UTF-8 text \(byte 0xe9\)"):
+        po.load_problem(tmp_path / "latin.yaml")

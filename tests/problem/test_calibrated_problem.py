@@ -290,3 +290,37 @@ def test_measurements_planned_for_the_task_close_what_the_data_leave_open(
     assert result.exit_code == 0, result.stderr
     std = json.loads(result.stdout)["task"]["std"]
     assert std["after"] < 0.9 * std["before"]
+
+
+def test_a_calibrated_problem_is_changed_without_its_files(known: Known) -> None:
+    other = known.calibrated.with_task("probe")
+    assert other.task is not None
+    assert other.task.kind == "probe"
+    robot = {key: value for key, value in known.calibrated.to_dict()["robot"].items() if key != "corrections"}
+    np.testing.assert_allclose(
+        known.calibrated.with_robot(robot).sources.covariance, known.calibrated.sources.covariance, rtol=1e-12
+    )
+    assert known.calibrated.with_robot(robot).robot.factors == known.problem.robot.factors
+
+
+def test_exact_data_leave_the_stated_scatter(known: Known) -> None:
+    case, arm = known.case, known.arm
+    q = arm.drawn(60, np.random.default_rng(9))
+    points = arm.points(q)
+    columns = {f"{row[0]} [{'rad' if row[1] == TURNING else 'm'}]": q[:, k] for k, row in enumerate(case.table)}
+    columns |= {f"{axis} [m]": points[:, "xyz".index(axis)] for axis in case.axes}
+    found = po.calibrate(known.problem, po.read_measurements(columns, known.problem))
+    calibrated = po.calibrated_problem(known.problem, found)
+    stated = dict(zip(known.problem.sources.names, known.problem.sources.sigma, strict=True))
+    visit = np.sqrt(np.diag(calibrated.sources.scatter))
+    assert {n: s for n, s in zip(calibrated.sources.names, visit, strict=True) if s} == pytest.approx(stated, rel=1e-3)
+    assert any("as stated: the data do not determine it" in line for line in calibrated.header)
+
+
+def test_what_was_stated_of_other_parameters_stays() -> None:
+    case = CASES["planar 2R"]
+    uncertainty = {"measurement": {"position": "0.02 mm"}, "sigma": {"tool.z": "2 mm", "j1.theta": "1 deg"}}
+    found = learnt(case, uncertainty=uncertainty)
+    sigma = dict(zip(found.calibrated.sources.names, found.calibrated.sources.sigma, strict=True))
+    assert sigma["tool.z"] == pytest.approx(2e-3, rel=1e-3)
+    assert sigma["j1.theta"] < 1e-3

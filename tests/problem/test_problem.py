@@ -14,6 +14,7 @@ import yaml
 import posture_opt as po
 from posture_opt.problem.parts import parse_spec
 from posture_opt.problem.yaml_source import ProblemDocument, dump_yaml, edited, parse_yaml
+from tests.helpers.command_line import invoke
 from tests.helpers.shipped import PROBLEMS, builtin_names, json_schema
 
 DEG = math.pi / 180
@@ -231,3 +232,10 @@ def test_every_shipped_file_can_be_given_another_name_and_section(file: Path) ->
     assert found is not None
     assert parse_yaml(found).data == wanted
     assert "solver" in data or comments(text) == comments(found)
+
+
+def test_the_command_line_reads_it_too() -> None:
+    words = ("--task", "insert", "--json", "--position")
+    tiny, zero = (json.loads(invoke(*words, f"0.9 m, 0.9 m, {z}").stdout) for z in (f"{TINY} m", "0"))
+    assert tiny["sigma_max"] == zero["sigma_max"]
+    assert tiny["posture"] == zero["posture"]

@@ -260,3 +260,19 @@ def test_requirements_that_are_met_one_by_one_and_not_together_are_no_error_of_t
     assert "no posture was found that meets all of the requirements" in first.message
     assert any(reason.requirement.startswith("link_height") for reason in missed)
     assert solution.to_json()["status"] == "infeasible"
+
+
+@pytest.mark.parametrize("side", [0.205, 0.3])
+def test_an_obstacle_about_the_arm_is_the_reason(side: float) -> None:
+    """The shoulder is 141 mm inside of a box about it, whatever the posture."""
+    data = asked("ur10e", [0.6, 0.2, 0.2], clearance="0.3 mm")
+    cabinet = {"name": "cabinet", "kind": "box", "size": [f"{side} m"] * 3, "xyz": ["0 m", "0 m", "0.25 m"]}
+    data["cell"] = {"clearance": "15 mm", "obstacles": [cabinet]}
+    solution = refused(data)
+    assert [reason.requirement for reason in solution.reasons] == ["clearance to cabinet"]
+    changes = {r.change.partition(" by ")[0] for r in solution.relaxations}
+    assert {"remove obstacle cabinet"} <= changes <= {"remove obstacle cabinet", "move obstacle cabinet"}
+    assert side != 0.205 or "is -141.4 mm at most" in solution.reasons[0].message
+    table = {**cabinet, "xyz": ["0 m", "0 m", f"{-side / 2} m"]}  # what the arm stands on may touch its first link
+    data["cell"]["obstacles"] = [table]
+    assert po.select_posture(po.problem_from_dict(data)).status == "optimal"

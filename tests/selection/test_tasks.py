@@ -7,6 +7,7 @@ import os
 import re
 import subprocess
 import sys
+from importlib.metadata import EntryPoint
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -15,8 +16,9 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.selection.registered_tasks import kind_of
+from posture_opt.selection.registered_tasks import kind_of, read_tasks
 from posture_opt.selection.tasks import TASKS
+from posture_opt.selection.tasks.insert import Insert
 from tests.helpers.sampled import poses
 from tests.helpers.shipped import json_schema
 from tests.helpers.variants import conformance
@@ -282,3 +284,15 @@ def test_no_task_is_loaded_from_the_working_directory(tmp_path: Path) -> None:
     done = subprocess.run(words, env=env, cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert "polish" not in done.stdout
+
+
+def test_a_kind_that_is_taken_is_refused() -> None:
+    point = EntryPoint("insert", "posture_opt.selection.tasks.insert:Insert", "posture_opt.tasks")
+    found = read_tasks([point])
+    assert found.tasks == ()
+    assert "a task of that kind is there already" in str(found.broken[0])
+    other = read_tasks([EntryPoint("peg", "posture_opt.selection.tasks.insert:Insert", "posture_opt.tasks")])
+    assert 'does not say kind: Literal["peg"]' in other.broken[0].reason
+    none = read_tasks([EntryPoint("polish", "posture_opt.selection.tasks:TASKS", "posture_opt.tasks")])
+    assert "is no subclass of posture_opt.Task" in none.broken[0].reason
+    assert kind_of(Insert) == "insert"

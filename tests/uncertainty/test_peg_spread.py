@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -155,3 +156,17 @@ def test_effects_and_correlated_errors_reach_both_ends() -> None:
 def test_half_a_peg_is_refused(task: dict[str, Any], message: str) -> None:
     with pytest.raises(po.errors.InputError, match=message):
         problem("ur10", **task)
+
+
+def test_a_peg_is_told_in_report_and_document() -> None:
+    solution = po.select_posture(problem("ur10", clearance="0.5 mm", diameter="10 mm", friction=0.3))
+    text, document = str(solution.report()), solution.to_json()
+    for words in ("Tip ", "Top end ", "Two-point contact", "Wedging", "both ends within"):
+        assert words in text
+    peg = document["peg"]
+    assert [end["name"] for end in peg["ends"]] == ["tip", "top end"]
+    assert peg["two_point_contact"]["angle"] == pytest.approx(2 * 0.5e-3 / 0.3)
+    assert replace(solution.task_spread, peg=None).to_json().keys() == document.keys() & {
+        "critical",
+        "success_probability",
+    }

@@ -130,3 +130,13 @@ def test_without_full_rank_the_region_lives_in_the_subspace(noise):
     assert still.rank == 0
     assert still.region(0.95).tolist() == [0, 0]
     assert still.contains([[1, 1], [1, 1.001]], 0.95).tolist() == [True, False]
+
+
+def test_boundary_of_an_ellipse():
+    ellipse = Ellipsoid(np.array([5.0, -1.0]), np.array([[2.0, 0.7], [0.7, 0.5]]))
+    boundary = ellipse.points(0.9, 181)
+    np.testing.assert_allclose(ellipse.mahalanobis(boundary), coverage_factor(0.9, 2), rtol=1e-12)
+    assert (boundary[0] == boundary[-1]).all()
+    x, y = (boundary - ellipse.center).T
+    assert (x[:-1] * y[1:] - x[1:] * y[:-1] > 0).all()  # counter-clockwise throughout
+    np.testing.assert_allclose(np.hypot(x[0], y[0]), ellipse.region(0.9)[1], rtol=1e-12)  # from the major axis

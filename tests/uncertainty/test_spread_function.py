@@ -135,3 +135,15 @@ def test_the_stated_error_is_that_of_large_correlated_errors():
     off = max(along_any_direction(C, po.propagate(given, q).covariance) for C, q in zip(spread_at(Q), Q, strict=True))
     assert off < 0.01
     assert off / 3 < spread_at.relative_error < 3 * off
+
+
+def test_few_or_no_postures_of_many_nodes():
+    given = problem("ur5", angle=np.radians(10), kinds=("theta",), coupled=True)
+    spread_at = po.SpreadFunction(given, compiled=False)
+    Q = random_postures(given.robot, 90)
+    whole, mean = spread_at(Q), spread_at.mean(Q)
+    assert spread_at(Q[:0]).shape == (0, 3, 3)
+    np.testing.assert_allclose(spread_at(Q[89]), whole[89], rtol=1e-12)
+    np.testing.assert_allclose(spread_at.mean(Q[89]), mean[89], rtol=1e-12)
+    np.testing.assert_array_equal(whole, np.swapaxes(whole, 1, 2))
+    assert (np.linalg.eigvalsh(whole) > 0).all()

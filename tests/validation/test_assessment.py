@@ -263,3 +263,14 @@ def test_play_of_a_joint_shows_in_the_side_that_it_arrives_from(play: float) -> 
     assert second.found == (play > 0)
     # On a lever of 1 m from -0.1 mrad to 0.1 mrad; the fit takes none of it, as the side is drawn by lot.
     assert second.difference == pytest.approx(2 * play, abs=4 * second.error)
+
+
+def test_a_calibration_knows_its_problem_and_its_measurements(assessed: Any) -> None:
+    problem, data, calibration, found = assessed
+    assert po.assess(calibration).to_json() == found.to_json()
+    check = po.check_spread(calibration)
+    assert check.to_json() == po.check_spread(problem, data, calibration).to_json()
+    with pytest.raises(TypeError, match="calibration alone"):
+        po.assess(problem, data)
+    with pytest.raises(TypeError, match="calibration alone"):
+        po.check_spread(calibration, data)

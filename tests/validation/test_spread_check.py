@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 import numpy as np
@@ -261,3 +262,12 @@ def test_a_diagnosis_delivers_no_more_scatter_than_repeats_show() -> None:
     found = po.diagnose(problem, data, plan=False)
     assert not [f for f in found.effects if f.kind == "joint_noise"]
     assert max(sigmas(found.extended, "scatter").values()) == pytest.approx(SHAKE, rel=0.3)
+
+
+@pytest.mark.parametrize("visits", [1, 3])
+def test_made_up_data_without_any_scatter_pass(visits: int) -> None:
+    q = np.random.default_rng(15).uniform(-2.5, 2.5, (30, 2)).repeat(visits, axis=0)
+    found = checked(arm(STATED), q, position(q, (1.0, 0.8)))
+    assert found.coverage95 == {"nominal": 1.0, "calibrated": 1.0}
+    assert found.repeats is None  # copies of a row are no repeats
+    json.dumps(found.to_json(), allow_nan=False)
