@@ -77,12 +77,6 @@ def test_the_core_is_small_and_brings_nothing_heavy() -> None:
     assert not every & HEAVY
 
 
-def test_every_dependency_of_users_has_its_reason() -> None:
-    reasons = dict(re.findall(r'^ *"([^"\n]+)",? *# (.+)$', TEXT, flags=re.MULTILINE))
-    asked = [*CORE, *(r for extra in ("viewer", "mesh", "notebook", "cluster", "docs") for r in EXTRAS[extra])]
-    assert [requirement for requirement in asked if requirement not in reasons] == []
-
-
 def test_the_core_works_without_any_extra() -> None:
     done = subprocess.run([sys.executable, "-c", WITHOUT], cwd=ROOT, capture_output=True, text=True, check=True)
     files, page = done.stdout.split()
@@ -128,10 +122,6 @@ MODULES = {
     "test": ("pytest", "xdist", "pinocchio", "coal", "selenium", "pandas", "plotly", "distributed", "viser"),
     "bench": ("roboticstoolbox", "pydrake", "eaik", "pinocchio"),  # benchmarks/README.md
 }
-
-
-def test_every_extra_is_known_here() -> None:
-    assert set(MODULES) == set(EXTRAS)
 
 
 @pytest.mark.parametrize("extra", MODULES)

@@ -10,10 +10,10 @@ import yaml
 
 import posture_opt as po
 from posture_opt import limits
-from posture_opt.files import problems_folder
 from posture_opt.limits import LIMITS, Budget
+from tests.helpers.shipped import PROBLEMS
 
-PLANAR: dict[str, Any] = yaml.safe_load((problems_folder() / "insert_planar_2r.yaml").read_text("utf-8"))
+PLANAR: dict[str, Any] = yaml.safe_load((PROBLEMS / "insert_planar_2r.yaml").read_text("utf-8"))
 MEASURED = "insert_planar_2r_measured"
 ROW = {"joint1 [deg]": 10.0, "joint2 [deg]": 20.0, "x [mm]": 1800.0, "y [mm]": 700.0}
 

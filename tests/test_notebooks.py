@@ -17,10 +17,6 @@ def cells(path: Path) -> list[dict[str, Any]]:
     return [cell for cell in found if cell["cell_type"] == "code"]
 
 
-def test_there_are_the_three_that_the_documentation_names() -> None:
-    assert {"from-measurements", "my-ur5e", "own-ocp"} <= {path.stem for path in NOTEBOOKS}
-
-
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_it_was_run_from_top_to_bottom_without_an_error(path: Path) -> None:
     code = cells(path)

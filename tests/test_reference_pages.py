@@ -12,9 +12,9 @@ import yaml
 
 import posture_opt as po
 from posture_opt.model.effects import CATALOGUE
-from posture_opt.problem.schema import json_schema
 from posture_opt.selection.tasks import KINDS
 from posture_opt.selection.terms import TERMS
+from tests.helpers.shipped import json_schema
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"

@@ -18,7 +18,7 @@ import posture_opt as po
 from posture_opt.output import finite
 from posture_opt.report.page.save import OWN_FILES
 from posture_opt.result import Result
-from tests.helpers.every_result import MADE, MEASURED, measured
+from tests.helpers.every_result import MADE
 from tests.helpers.folders import names as names_in
 
 
@@ -48,27 +48,6 @@ def test_former_names_are_those_of_today(name: str, today: str) -> None:
     with pytest.warns(DeprecationWarning, match=f"posture_opt.{name} is posture_opt.{today} now"):
         assert getattr(po, name) is getattr(po, today)
     assert name not in po.__all__
-
-
-def test_it_prints_in_a_few_lines(result: Result) -> None:
-    text = result.summary()
-    assert repr(result) == text
-    assert 2 <= len(text.splitlines()) <= 12
-    assert max(map(len, text.splitlines())) <= 100
-    assert any(unit in text for unit in (" mm", " µm", " %", " deg"))
-
-
-def test_notebooks_show_the_same(result: Result) -> None:
-    page = result._repr_html_()
-    assert page.startswith("<table>")
-    assert page.count("<tr>") == page.count("</tr>") >= 2
-
-
-def test_the_report_is_text(result: Result) -> None:
-    report = result.report()
-    assert report.endswith("\n")
-    assert max(map(len, report.splitlines())) <= 100
-    assert len(report) > len(result.summary())
 
 
 def test_the_document_is_json(result: Result) -> None:
@@ -117,35 +96,6 @@ def test_threads_share_what_solves_and_get_what_one_gets() -> None:
     with ThreadPoolExecutor(4) as pool:
         answers = list(pool.map(answer, [target for target in targets for _ in range(4)]))
     assert answers == [alone for target in targets for alone in [answer(target)] * 4]
-
-
-@pytest.mark.parametrize("name", ["insert_panda", "insert_ur10_plate", "insert_ur10_extended", "trace_scara", MEASURED])
-def test_problems_and_measurements_print_in_a_few_lines_too(name: str) -> None:
-    problem = po.load_problem(name)
-    assert repr(problem) == problem.summary()
-    assert 4 <= len(repr(problem).splitlines()) <= 12
-    assert problem.name in repr(problem)
-    assert problem._repr_html_().startswith("<table>")
-
-
-def test_measurements_say_how_many_rows_of_what() -> None:
-    _, data = measured()
-    assert repr(data).splitlines()[1:3] == [
-        "  Rows      60, each of another posture",
-        "  Measured  position (x, y)",
-    ]
-    assert data._repr_html_().startswith("<table>")
-
-
-def test_postures_print_in_degrees_and_hold_radians() -> None:
-    posture = po.propagate(po.load_problem("insert_planar_2r"), "30 deg, -1 rad").posture
-    assert repr(posture) == "{joint1: 30.0000 deg, joint2: -57.2958 deg}"
-    assert posture == {"joint1": pytest.approx(0.5235987755982988), "joint2": -1.0}
-    assert posture.degrees["joint1"] == pytest.approx(30)
-    slide = po.propagate(po.load_problem("insert_scara"), [0.1, 0.2, 0.03, 0.1]).posture
-    assert "joint3: 30.000 mm" in repr(slide)
-    for again in (pickle.loads(pickle.dumps(slide)), copy.deepcopy(slide)):
-        assert repr(again) == repr(slide)
 
 
 @pytest.mark.parametrize(

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import re
 import string
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
 import posture_opt as po
-from posture_opt.cli.main import main
 from posture_opt.statements import SEVERITIES, Quantity, every_entry, state
+from tests.helpers.command_line import invoke
+from tests.helpers.source import modules_of
 
 SOURCE = "\n".join(path.read_text(encoding="utf-8") for path in Path(po.__file__).parent.rglob("*.py"))
 ENTRIES = every_entry()
@@ -41,13 +42,23 @@ def test_every_id_that_code_states_has_a_sentence() -> None:
     assert [pattern for pattern in PATTERNS if not any(re.fullmatch(pattern, id) for id in ENTRIES)] == []
 
 
-def test_no_sentence_is_left_over() -> None:
-    """What follows the room is in the code, whole or in two parts that are joined at a hyphen.
+def test_a_statement_gets_all_values_of_its_sentence() -> None:
+    """Of calls with an id as a constant; the others are made by tests of what they are about."""
+    nodes = [node for module in modules_of(Path(po.__file__).parent).values() for node in module.nodes]
+    calls = [node for node in nodes if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "state"]
+    stated = [(node.args[0].value, node.keywords) for node in calls if isinstance(node.args[0], ast.Constant)]
+    assert len(stated) > 150
+    for id, keywords in stated:
+        needed = {name for _, name, _, _ in string.Formatter().parse(ENTRIES[id].text) if name}
+        values = {keyword.arg for keyword in keywords}  # None is that of **values
+        assert None in values or needed <= {"about", *values}, id
 
-    The sentences of other rooms are all made by tests of their own.
-    """
-    rooms = ("calibration.", "diagnosis.", "reading.")
-    assert [id for id in ENTRIES if id.startswith(rooms) and not in_code(id.partition(".")[2])] == []
+
+def test_no_sentence_is_left_over() -> None:
+    """It is in the code: as a part of an id that is stated, whole, or in two parts that are joined at a hyphen."""
+    parts = [pattern.replace(".+", ".*") for pattern in PATTERNS if not pattern.endswith(r"\.(.+)")]
+    rest = [id for id in ENTRIES if not any(re.fullmatch(pattern, id) for pattern in parts)]
+    assert [id for id in rest if not in_code(id.partition(".")[2])] == []
 
 
 def in_code(name: str) -> bool:
@@ -64,7 +75,7 @@ def test_statements_are_listed_with_their_sentences() -> None:
 
 
 def _printed(*words: str) -> str:
-    result = CliRunner().invoke(main, words)
+    result = invoke(*words)
     assert result.exit_code == 0
     return result.stdout
 
@@ -75,7 +86,7 @@ def test_an_error_is_a_document_under_json() -> None:
         (("--problem", "nothing.yaml", "--json"), 2, "input.invalid"),
         (("diagnose", "--json"), 2, "input.usage"),
     ):
-        result = CliRunner().invoke(main, words)
+        result = invoke(*words)
         document = json.loads(result.stdout)["error"]
         assert (result.exit_code, document["code"]) == (code, code)
         assert document["issues"][0]["id"] == id

@@ -204,14 +204,6 @@ def test_two_changes_are_several_with_postures_to_measure() -> None:
     assert found.updated is None
 
 
-@pytest.mark.long
-def test_errors_that_no_change_makes_are_several() -> None:
-    """A table that heats up and tilts as rows go by is not one change, nor two."""
-    cell, rng = stated(), np.random.default_rng(2)
-    points = cell.arm.points(cell.q) + rng.normal(0, 1e-3, (len(cell.q), 3))
-    assert po.recheck(cell.problem, po.read_measurements(cell.table(points), cell.problem)).verdict == "several"
-
-
 @pytest.mark.parametrize("turned", [3e-3, 0.1])
 def test_a_base_that_was_set_down_elsewhere_is_found_in_one_go(turned: float) -> None:
     cell, rng = stated(), np.random.default_rng(2)
@@ -250,12 +242,6 @@ def test_a_misread_row_is_left_out_and_its_line_named(zero: float) -> None:
     assert is_named(found, ("joint_offset", "elbow") if zero else ("", "")), found.summary()
     assert found.before < 1e-3
     assert [(s.about, s.severity) for s in found.statements if s.id == "changes.gross-row"] == [("5", "caution")]
-
-
-def test_too_few_postures_say_what_to_measure() -> None:
-    cell, rng = stated(), np.random.default_rng(2)
-    with pytest.raises(po.errors.InsufficientDataError, match="--for recheck"):
-        po.recheck(cell.problem, cell.measured(cell.arm, rng).take([0, 1]))
 
 
 def test_update_writes_the_file_with_only_that_changed(tmp_path: Path) -> None:

@@ -16,8 +16,8 @@ from posture_opt.cli.completion import TASK, completed_files
 from posture_opt.cli.main import COMMANDS, main
 from posture_opt.export import ARM_FORMATS, PROGRAM_FORMATS
 from posture_opt.export.export_files import export_kinds
-from posture_opt.files import builtin_names
 from posture_opt.selection.tasks import TASKS
+from tests.helpers.shipped import builtin_names
 
 FILES = ("my cell.yaml", "mine.yml", "data.csv", "arm.urdf", "notes.txt", "results/")
 TASK_KINDS = {task.model_fields["kind"].annotation.__args__[0] for task in TASKS}  # type: ignore[union-attr]

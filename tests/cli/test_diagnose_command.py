@@ -20,7 +20,6 @@ NOISE = 2e-5  # m, of each measured coordinate
 CYCLES, SINE, COSINE = 12.0, 1.2e-4, 0.9e-4  # of joint1: rad
 DRIFT = 3e-4  # m, in x, from the first row to the last
 PROBLEM = PLANAR + "uncertainty: {measurement: {position: 0.02 mm}}\n"
-FIGURES = {"diagnosis_errors", "diagnosis_scores", "diagnosis_curves", "diagnosis_periodogram"}
 
 
 def run(*words: object) -> Result:
@@ -101,26 +100,6 @@ def test_errors_are_those_of_the_noise_here_and_on_the_test_file(document: dict[
     assert gain["value"] == pytest.approx(1 - test["extended"]["rms"] / test["calibrated"]["rms"], abs=0.02)
 
 
-def test_the_document_has_every_key(document: dict[str, Any]) -> None:
-    keys = {
-        "posture_opt", "verdict", "effects", "unexplained", "residual_rms", "coverage95", "candidates", "test",
-        "unknowable", "absorbed",
-    }  # fmt: skip
-    assert keys <= set(document)
-    assert {"kind", "target", "estimate", "p_value", "gain", "confounded_with"} <= set(document["effects"][0])
-    assert {"kind", "target", "p_value", "gain"} <= set(document["candidates"][0])
-    assert "instrument_scale" in {entry["kind"] for entry in document["unknowable"]}
-
-
-def test_files_are_written_with_the_report(written: tuple[Path, Result]) -> None:
-    out, result = written
-    assert {file.stem for file in out.glob("*.png")} == FIGURES
-    assert {file.stem for file in out.glob("*.svg")} == FIGURES
-    text = result.stdout
-    assert (out / "report.txt").read_text(encoding="utf-8").rstrip("\n") == text.rstrip("\n")
-    assert max(map(len, text.splitlines())) <= 100
-
-
 def test_a_gain_that_does_not_hold_elsewhere_is_none(folder: Path) -> None:
     words = ["--problem", folder / "problem.yaml", "--test", folder / "repaired.csv"]
     result = run(folder / "data.csv", *words, "--json")
@@ -186,20 +165,6 @@ def test_a_test_file_that_tells_nothing_is_refused(
     assert words in " ".join(result.stderr.split())
 
 
-def test_what_the_test_file_leaves_unsaid_is_told(folder: Path) -> None:
-    # The zero of joint1 turns by 20 µrad a kelvin; the second file has no thermometer.
-    problem = po.load_problem(folder / "problem.yaml")
-    rng = np.random.default_rng(3)
-    q, warmth = rng.uniform(-2.5, 2.5, (90, 2)), rng.uniform(0.0, 10.0, 90)
-    turned = q + np.stack([2e-5 * warmth, np.zeros(90)], axis=1)
-    points = position(turned) + rng.normal(0, NOISE, (90, 2))
-    write(folder / "warm.csv", q, points, temperature=("degC", 20 + warmth))
-    data, silent = (po.read_measurements(folder / name, problem) for name in ("warm.csv", "other.csv"))
-    found = po.diagnose(problem, data, test=silent)
-    assert found.effects[0].kind == "thermal_offset"
-    assert any("no column temperature [degC]" in note and "20 degC is taken" in note for note in found.notes)
-
-
 def test_the_task_is_planned_again_with_the_extended_arm(folder: Path, tmp_path: Path) -> None:
     rng = np.random.default_rng(12)
     q = rng.uniform(-2.5, 2.5, (90, 2))
@@ -223,38 +188,6 @@ def test_the_task_is_planned_again_with_the_extended_arm(folder: Path, tmp_path:
     assert "Comparison of plans" in result.stdout
 
 
-@pytest.mark.long
-def test_effects_of_time_are_planned_with_where_they_are_asked_for(folder: Path, tmp_path: Path) -> None:
-    task = "task: {kind: insert, direction: [0, -1, 0], position: [0.9 m, 0.4 m, 0 m], time: 1 h}\n"
-    (tmp_path / "problem.yaml").write_text(PROBLEM + task, encoding="utf-8")
-    landed = {}
-    for option in ([], ["--with-time"]):
-        out = tmp_path / f"out{len(option)}"
-        words = ["--problem", tmp_path / "problem.yaml", "--out", out, "--no-plots", "--full", *option]
-        result = run(folder / "creeping.csv", *words)
-        assert result.exit_code == 0, result.stderr
-        posture = json.loads((out / "diagnosis.json").read_text(encoding="utf-8"))["posture"]["extended"]["posture"]
-        landed[len(option)] = position(np.array([list(posture.values())]))[0, 0] + DRIFT  # an hour later, truly
-        effects = json.loads((out / "diagnosis.json").read_text(encoding="utf-8"))["effects"]
-        assert [one["delivered"] for one in effects if one["kind"] == "drift"] == ["delivered" if option else "session"]
-    assert landed[0] > 0.9 + DRIFT / 3  # geometry has taken up some of it, on average
-    assert landed[1] == pytest.approx(0.9, abs=3e-5)
-    assert [effect.kind for effect in po.load_problem(tmp_path / "out1" / "extended.yaml").effects] == ["drift"]
-    header = (tmp_path / "out0" / "extended.yaml").read_text("utf-8")
-    assert "Left out, as it belongs to its session; all else was fitted for it to be absent: drift(linear)." in header
-
-
-def test_too_few_rows_are_a_verdict_too(folder: Path, tmp_path: Path) -> None:
-    words = ["--problem", folder / "problem.yaml", "--out", tmp_path / "out", "--json"]
-    result = run(folder / "few.csv", *words)
-    assert result.exit_code == 4
-    assert "measure at least" in result.stderr
-    found = json.loads(result.stdout)
-    assert found["verdict"] == "insufficient_data"
-    assert "measure at least" in found["message"]
-    assert not (tmp_path / "out").exists()
-
-
 @pytest.mark.parametrize(
     ("words", "message"),
     [
@@ -274,3 +207,14 @@ def test_wrong_use_is_told(folder: Path, words: list[str], message: str, tmp_pat
 
 def told(effect: Effect, values: dict[str, tuple[float, float, str]]) -> dict[str, str]:
     return {size.label: str(size) for size in effect.sizes(FittedSizes(values))}
+
+
+def test_too_few_rows_are_a_verdict_too(folder: Path, tmp_path: Path) -> None:
+    words = ["--problem", folder / "problem.yaml", "--out", tmp_path / "out", "--json"]
+    result = run(folder / "few.csv", *words)
+    assert result.exit_code == 4
+    assert "measure at least" in result.stderr
+    found = json.loads(result.stdout)
+    assert found["verdict"] == "insufficient_data"
+    assert "measure at least" in found["message"]
+    assert not (tmp_path / "out").exists()

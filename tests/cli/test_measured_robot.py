@@ -11,14 +11,13 @@ import pandas as pd
 import pytest
 
 import posture_opt as po
-from posture_opt.files import problems_folder
 from posture_opt.problem.measured_robot import problem_of_measured_robot
-from posture_opt.robot.preset import load_preset
 from tests.helpers.command_line import invoke
 from tests.helpers.real_arms import DATA, long_on_real_arms
+from tests.helpers.shipped import PROBLEMS, preset_robot
 from tests.helpers.variants import conformance
 
-LOADED = problems_folder() / "ur10_measured.csv"
+LOADED = PROBLEMS / "ur10_measured.csv"
 NOISE = 3e-5  # m, of each coordinate
 
 
@@ -159,7 +158,7 @@ def test_real_arms_are_calibrated_as_well_without_a_file(data: str, robot: str, 
 
 @pytest.mark.parametrize("stem", ["q", "other"])
 def test_payload_and_frames_are_kept_whatever_the_columns_are_called(stem: str) -> None:
-    names = [f"q{i}" for i in range(1, 7)] if stem == "q" else list(load_preset("ur10").joint_names)
+    names = [f"q{i}" for i in range(1, 7)] if stem == "q" else list(preset_robot("ur10").joint_names)
     rng = np.random.default_rng(0)
     table = pd.DataFrame(rng.uniform(-1, 1, (12, 6)), columns=[f"{name} [rad]" for name in names])
     table[["x [m]", "y [m]", "z [m]"]] = rng.uniform(-1, 1, (12, 3))

@@ -73,17 +73,6 @@ def test_the_files_hold_the_plan(written: tuple[Path, Result]) -> None:
     assert {"O1", "O2", "O3", "O4", "O5"} == set(document["observability"]["after"])
 
 
-def test_json_alone_and_the_same_every_time(folder: Path) -> None:
-    words = ["--problem", folder / "problem.yaml", "--count", 6, "--json", "--candidates", 300]
-    first, again, other = run(*words), run(*words), run(*words, "--seed", 5)
-    assert first.stdout == again.stdout != other.stdout
-    document = json.loads(first.stdout)
-    assert document["purpose"] == "parameters"
-    assert len(document["postures"]) == 6
-    assert document["observability"]["before"]["O1"] == 0  # nothing was measured
-    assert all(p["before"] is None or p["after"] <= p["before"] for p in document["parameters"] if p["after"])
-
-
 def test_a_preset_needs_no_file_and_keeps_above_its_table() -> None:
     result = run(
         "--robot",

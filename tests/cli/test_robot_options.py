@@ -60,21 +60,6 @@ def test_frames_and_masses_that_are_none_are_refused(words: tuple[str, ...], tol
         assert told in result.stderr
 
 
-@pytest.mark.long
-def test_the_robot_of_a_problem_file_brings_what_is_known_of_it() -> None:
-    name = "insert_ur10_extended"
-    source = po.load_problem(name if Path(name).exists() else f"problems/{name}.yaml")
-    result = invoke("--robot", f"problems/{name}.yaml", *AT, "--json")
-    assert result.exit_code == 0, result.stderr
-    stated = {**source.to_dict(), "task": {"kind": "insert", "position": ["0.6 m", "0.2 m", "0.3 m"]}}
-    expected = po.select_posture(po.problem_from_dict(stated, source.folder))
-    found = json.loads(result.stdout)
-    np.testing.assert_allclose(found["covariance"], expected.to_json()["covariance"], rtol=1e-6)
-    assert found["posture"] == pytest.approx(expected.to_json()["posture"])
-    report = invoke("--robot", f"problems/{name}.yaml", *AT).stdout
-    assert "Robot and uncertainty of problems/insert_ur10_extended.yaml; its task left out." in report
-
-
 def test_a_calibrated_file_with_its_covariance_beside_it_is_a_robot(tmp_path: Path) -> None:
     problem = po.load_problem("problems/insert_planar_2r_measured.yaml")
     data = po.read_measurements("problems/planar_2r_measured.csv", problem)
@@ -88,9 +73,3 @@ def test_a_calibrated_file_with_its_covariance_beside_it_is_a_robot(tmp_path: Pa
     again = invoke("calibrate", "problems/planar_2r_measured.csv", "--robot", tmp_path / "mine.yaml", "--json")
     assert again.exit_code == 0, again.stderr
     assert json.loads(again.stdout)["residual_rms"]["nominal"] < 0.01
-
-
-def test_scatter_is_stated_once() -> None:
-    result = invoke("--robot", "problems/insert_ur10.yaml", *AT, "--sigma", "0.1 deg")
-    assert result.exit_code == 2
-    assert "states the uncertainty of its robot: leave out --sigma" in result.stderr

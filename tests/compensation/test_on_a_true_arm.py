@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.numerics import Array
 from tests.helpers.command_line import invoke
 from tests.helpers.variants import conformance
 from tests.hidden.mechanics import walk
@@ -28,9 +27,9 @@ class Learnt:
 
     true: TrueArm
     path: Path
-    wanted: Array  # (N, n) postures of the drawn arm
-    p: Array  # (N, 3) where these would be
-    R: Array
+    wanted: np.ndarray  # (N, n) postures of the drawn arm
+    p: np.ndarray  # (N, 3) where these would be
+    R: np.ndarray
 
 
 @pytest.fixture(scope="module", params=conformance(["ur10", "seven"], ["ur10"]))
@@ -73,16 +72,6 @@ def test_the_true_arm_misses_its_targets_by_what_is_said_to_be_left(
         assert 0.5 < rms(angle) / rms(expected) < 1.7
 
 
-@pytest.mark.long
-def test_without_effects_what_is_left_is_many_times_more(learnt: Learnt, tmp_path: Path) -> None:
-    """The sides and loads are needed: the same corrections alone miss by the elbow's sag and the backlash."""
-    problem = po.load_problem(learnt.path)
-    plain = replace(problem, arm=po.Arm(problem.robot), effects=())
-    found = po.compensate(plain, write_targets(learnt, tmp_path, with_place=True))
-    missed = np.linalg.norm(learnt.true.replay(found.q)[0] - learnt.p, axis=1)
-    assert rms(missed) > 5 * rms(found.left)
-
-
 def write_targets(learnt: Learnt, folder: Path, *, with_place: bool) -> Path:
     """TARGETS.csv: postures of the drawn arm, and where they would be, or these alone."""
     arm, path = learnt.true.site.arm, folder / "targets.csv"
@@ -98,7 +87,7 @@ def write_targets(learnt: Learnt, folder: Path, *, with_place: bool) -> Path:
     return path
 
 
-def drawn_errors(path: Path, q: Array, count: int = 20_000) -> Array:
+def drawn_errors(path: Path, q: np.ndarray, count: int = 20_000) -> np.ndarray:
     """(count,) RMS distances over all rows that arms have which differ as the file's covariance says.
 
     One draw of the constant errors is shared by all rows, scatter is drawn for each: errors of one arm at 40 places
@@ -124,10 +113,10 @@ def drawn_errors(path: Path, q: Array, count: int = 20_000) -> Array:
     return np.sqrt(squared / len(q))
 
 
-def weights(covariance: Array) -> Array:
+def weights(covariance: np.ndarray) -> np.ndarray:
     """The variances of the independent normals whose squares add up to the squared length."""
     return np.clip(np.linalg.eigvalsh(covariance), 0, None)
 
 
-def rms(values: Array) -> float:
+def rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(np.square(values))))

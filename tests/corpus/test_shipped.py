@@ -13,9 +13,9 @@ from pathlib import Path
 
 import pytest
 
-from posture_opt.files import builtin_names, problems_folder
-from posture_opt.problem.load import load_builtin
+import posture_opt as po
 from tests.helpers.command_server import CommandServer
+from tests.helpers.shipped import PROBLEMS, builtin_names
 from tests.helpers.variants import conformance
 
 QUICK = {
@@ -78,7 +78,7 @@ def ask(server: CommandServer, words: str, folder: Path, **stands_for: str) -> s
 
 
 def posture_of(name: str) -> str:
-    joints = load_builtin(name).robot.joints
+    joints = po.load_problem(name).robot.joints
     middles = [(j.lower + j.upper) / 2 if math.isfinite(j.lower + j.upper) else 0.0 for j in joints]
     return ", ".join(
         f"{m + 0.1} {j.unit}" if j.unit == "rad" else f"{m} m" for j, m in zip(joints, middles, strict=True)
@@ -109,7 +109,7 @@ def test_what_is_answered_is_drawn(name: str, server: CommandServer, tmp_path: P
 
 
 def check_data(server: CommandServer, file: str, folder: Path, further: str, whats: Iterable[str] = OF_DATA) -> None:
-    data = str(problems_folder() / file)
+    data = str(PROBLEMS / file)
     asked = [(name, what) for name in MEASURED[file] for what in whats]
     wrong = [
         ask(server, f"{OF_DATA[what]} --out out --json {further}", folder / f"{name} {what}", NAME=name, DATA=data)
@@ -138,7 +138,7 @@ def test_shipped_data_are_drawn(file: str, server: CommandServer, tmp_path: Path
 
 
 def test_every_shipped_file_is_asked_about() -> None:
-    there = {path.name for path in problems_folder().iterdir() if path.suffix == ".csv"}
+    there = {path.name for path in PROBLEMS.iterdir() if path.suffix == ".csv"}
     assert there == {*MEASURED, *READ}
-    documents = "".join(path.read_text(encoding="utf-8") for path in problems_folder().glob("*.yaml"))
+    documents = "".join(path.read_text(encoding="utf-8") for path in PROBLEMS.glob("*.yaml"))
     assert not [name for name in READ if name not in documents]

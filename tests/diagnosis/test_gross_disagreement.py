@@ -61,15 +61,6 @@ def test_a_coupling_left_in_the_data_is_found(seed: int, family: str, rows: int,
     assert again.nominal.rms < 2 * case.truth["noise_rms"]
 
 
-@pytest.mark.parametrize(("seed", "driver", "carried"), conformance([(511, 2, 1), (512, 3, 4)], [(511, 2, 1)]))
-def test_other_couplings_are_found_too(seed: int, driver: int, carried: int, tmp_path: Path) -> None:
-    case = coupled(draw(seed, "kr16"), 1.0, driver, carried)
-    found = po.calibrate(*loaded(case, tmp_path), plan=False)
-    (told,) = found.contradictions
-    assert told.cause.target == f"joint{driver + 1}->joint{carried + 1}"
-    assert told.to_json()["kind"] == "joint_coupling"
-
-
 @pytest.mark.parametrize("seed", conformance([521, 522], [521]))
 def test_a_base_that_is_off_beside_a_coupling_is_named_too(seed: int, tmp_path: Path) -> None:
     case = next(c for i in range(20) if not (c := draw(seed, "kr16", i)).free)

@@ -56,16 +56,6 @@ def test_a_knocked_tool_is_named_with_its_shift_and_moment(seed: int, kind: str,
 
 
 @pytest.mark.long
-def test_a_last_joint_that_slips_is_named_with_the_tool_as_a_rival() -> None:
-    """What turns about the last axis shifts the tool in its flange: the joint is the simpler cause."""
-    case = SimulatedSession(103)
-    found = case.diagnosis(case.table(case.points(from_first(case, "joint6", {"step": 5e-3}))))
-    assert beyond_geometry(found) == [("slip", "joint6")]
-    (slip,) = [f for f in found.effects if f.kind == "slip"]
-    assert [(c.kind, c.target) for c in slip.confounded_with] == [("slip", "tool")]
-
-
-@pytest.mark.long
 def test_measured_orientations_show_that_the_tool_turned() -> None:
     case = SimulatedSession(104)
     turn, R = vector(case, TURN), case.site.walk.R_link[:, -1]
@@ -94,13 +84,3 @@ def test_a_slip_of_the_tool_shifts_and_turns_it_about_the_flange() -> None:
     lever = np.array([f.value for f in case.arm.tool[:3]])
     shift = np.array([1e-4, -2e-4, 3e-4]) + np.cross([1e-4, 2e-4, -3e-4], lever)
     np.testing.assert_allclose(before[:3, :3].T @ (after[:3, 3] - before[:3, 3]), shift, atol=1e-7)
-
-
-def test_outliers_that_follow_each_other_to_the_end_are_asked_about() -> None:
-    """Six rows are too few for a step to be named, and too many for an instrument that failed."""
-    case = SimulatedSession(103, "kr16")
-    points = case.points()
-    points[-6:] += vector(case, 2e-3)
-    found = case.diagnosis(case.table(points), free=True)
-    assert found.calibration.outliers_at_ends == 6
-    assert "calibration.outliers-at-end" in {s["id"] for s in found.to_json()["statements"]}

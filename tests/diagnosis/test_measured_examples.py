@@ -8,17 +8,16 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.files import problems_folder
-from posture_opt.problem.load import load_builtin
 from tests.helpers import measured_planar_2r as shop
 from tests.helpers import measured_ur10 as loaded
 from tests.helpers.same_problem import assert_same_numbers, written
+from tests.helpers.shipped import PROBLEMS
 
 LOADED = "ur10_measured", "ur10_another_day"
 
 
 def test_the_file_holds_what_the_simulator_measures() -> None:
-    lines = (problems_folder() / "planar_2r_measured.csv").read_text(encoding="utf-8").splitlines()
+    lines = (PROBLEMS / "planar_2r_measured.csv").read_text(encoding="utf-8").splitlines()
     assert lines[0] == shop.HEAD
     table = np.array([[float(cell) for cell in line.split(",")] for line in lines[1:]])
     off = 1e-3 * table[:, 2:] - shop.reached(np.radians(table[:, :2]))
@@ -29,7 +28,7 @@ def test_the_file_holds_what_the_simulator_measures() -> None:
 
 def test_the_loaded_files_hold_what_the_simulator_measures() -> None:
     for name, count, seed in (("ur10_measured", 110, 3), ("ur10_another_day", 40, 4)):
-        lines = (problems_folder() / f"{name}.csv").read_text(encoding="utf-8").splitlines()
+        lines = (PROBLEMS / f"{name}.csv").read_text(encoding="utf-8").splitlines()
         table = np.array([[float(cell) for cell in line.split(",")] for line in lines[1:]])
         assert lines[0] == loaded.HEAD
         assert np.allclose(table, loaded.rows(count, seed), rtol=0, atol=1e-3)  # µm, and thousandths of a degree
@@ -37,8 +36,8 @@ def test_the_loaded_files_hold_what_the_simulator_measures() -> None:
 
 @pytest.mark.conformance
 def test_what_is_hidden_in_the_loaded_arm_is_found_and_the_plan_with_it_hits() -> None:
-    problem = load_builtin("insert_ur10_measured")
-    data, other = (po.read_measurements(problems_folder() / f"{n}.csv", problem) for n in LOADED)
+    problem = po.load_problem("insert_ur10_measured")
+    data, other = (po.read_measurements(PROBLEMS / f"{n}.csv", problem) for n in LOADED)
     found = po.diagnose(problem, data, test=other)
     assert [(e.kind, e.target) for e in found.effects] == [
         ("joint_compliance", "elbow"),
@@ -60,7 +59,7 @@ def test_what_is_hidden_in_the_loaded_arm_is_found_and_the_plan_with_it_hits() -
 
 
 def test_an_arm_all_of_whose_joints_scatter_is_extended_by_that_scatter(tmp_path: Path) -> None:
-    problem = load_builtin("insert_planar_2r_measured")
+    problem = po.load_problem("insert_planar_2r_measured")
     rng = np.random.default_rng(4)
     q = rng.permutation(np.tile(rng.uniform(-2.5, 2.5, (30, 2)), (5, 1)))
     points = shop.reached(q + rng.normal(0, shop.SCATTER, q.shape)) + rng.normal(0, shop.NOISE, q.shape)
@@ -74,18 +73,10 @@ def test_an_arm_all_of_whose_joints_scatter_is_extended_by_that_scatter(tmp_path
     assert_same_numbers(written(extended, tmp_path), extended)
 
 
-def test_sixty_postures_measured_once_do_not_tell_which_joint_scatters() -> None:
-    problem = load_builtin("insert_planar_2r_measured")
-    found = po.diagnose(problem, po.read_measurements(problems_folder() / "planar_2r_measured.csv", problem))
-    assert not [f for f in found.effects if f.noise is not None]
-    assert found.verdict == "unexplained"
-    assert set(found.to_json()["unexplained"]["place"]) == {"joint1", "joint2"}
-
-
 @pytest.mark.conformance
 def test_a_real_arm_comes_with_the_program() -> None:
-    problem = load_builtin("kuka_iiwa14_sockets")
-    data = po.read_measurements(problems_folder() / "kuka_iiwa14_sockets.csv", problem)
+    problem = po.load_problem("kuka_iiwa14_sockets")
+    data = po.read_measurements(PROBLEMS / "kuka_iiwa14_sockets.csv", problem)
     found = po.diagnose(problem, data, plan=False)
     named = {(e.kind, e.target) for e in found.effects if e.kind != "geometry"}
     assert named == {("joint_compliance", f"joint_a{i}") for i in (2, 3, 4)}
@@ -94,9 +85,3 @@ def test_a_real_arm_comes_with_the_program() -> None:
     assert errors["calibrated"] == pytest.approx(0.271e-3, abs=0.01e-3)
     assert errors["extended"] == pytest.approx(0.163e-3, abs=0.01e-3)
     assert errors["delivered"] < errors["delivered_heldout"] == errors["extended"]
-
-
-def test_the_licence_of_the_real_arm_s_data_stands_beside_them() -> None:
-    text = (problems_folder() / "kuka_iiwa14_sockets.LICENSE").read_text(encoding="utf-8")
-    assert text.startswith("MIT License")
-    assert "platonics" in text

@@ -9,14 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-import posture_opt as po
-from posture_opt.diagnosis.measured_goals import MeasuredGoals, measured_goals
 from tests.helpers.command_line import invoke
 from tests.helpers.planar_2r import position, postures_at
 from tests.helpers.planar_files import PLANAR
-from tests.helpers.real_arms import DATA, long_on_real_arms
 
-UR10 = DATA / "ipa_ur10"
 NOISE, SIGMA = 2e-5, (4e-4, 1e-4)  # m; rad, what the file states of joint1 and joint2
 LONGER, CYCLES, WAVE = 2e-4, 7.0, 4e-4  # m of link 2; the error of joint1, rad
 PROBLEM = (
@@ -108,18 +104,3 @@ def test_the_extended_arm_knows_where_the_uncorrected_one_misses_least(
     assert goals["extended"]["better"] == pytest.approx(np.mean(wise <= missed.min(axis=1)), abs=0.08)
     assert goals["extended"]["better"] > 0.85
     assert goals["any_posture"]["median"] == pytest.approx(np.median(missed.mean(axis=1)), rel=1e-4)
-
-
-@long_on_real_arms
-def test_the_measured_ur10_is_better_sent_and_better_chosen() -> None:
-    problem = po.load_problem(UR10 / "problem.yaml")
-    whole = po.read_measurements(UR10 / "series_b.csv", problem)
-    found = po.diagnose(problem, whole.take(whole.goal % 7 == 0), flips=99)
-    goals = measured_goals(found.model.residuals.data, found.held, found.models)
-    assert isinstance(goals, MeasuredGoals)
-    assert goals.goals > 100
-    old, middle, new = (np.median(goals.sent[name].missed) for name in ("nominal", "calibrated", "extended"))
-    # All of series B gives 0.81, 0.32 and 0.11 mm; a seventh of it tells less of the effects.
-    assert 0.6e-3 < old < 1.1e-3
-    assert new < 0.9 * middle < 0.5 * old
-    assert goals.uncorrected["extended"].better > goals.chance + goals.margin

@@ -85,8 +85,3 @@ def test_point_masses_that_are_true_do_what_stated_ones_do(effect: Any) -> None:
         np.testing.assert_allclose(summed, np.array(whole.twist[part]), atol=1e-12)
     for joint, turn in whole.joints.items():
         assert sum(w * one.joints[joint] for w, one in zip(weights, parts, strict=True)) == pytest.approx(turn)
-
-
-def test_a_base_that_rises_under_its_load_is_no_compliance() -> None:
-    assert BaseCompliance(loads="points", points=("tool",)).limits == (0.0, np.inf)
-    assert JointCompliance(joint="j2", loads="points", points=("tool",)).limits == (-np.inf, np.inf)

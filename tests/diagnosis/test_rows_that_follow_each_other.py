@@ -70,12 +70,3 @@ def test_an_instrument_that_scatters_otherwise_than_stated_is_named_from_reading
     assert (noise.kind, noise.target) == ("stated_sigma", "data")
     value, std, _ = noise.estimate["factor"]
     assert abs(value - 2.0) < 4 * std
-
-
-@pytest.mark.long
-def test_readings_that_agree_do_not_refute_a_noisy_joint_nor_call_for_more_of_them() -> None:
-    for repeats in ("", "readings"):
-        _, found = found_in(41, scatter="poses", repeats=repeats)
-        assert not [f for f in found.effects if f.noise is not None]
-        assert not any(errors.refuted for errors in found.uneven)
-        assert bool(found.repeat_plans) == (repeats == "readings" and bool(found.uneven))

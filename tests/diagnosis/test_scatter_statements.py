@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.report.parts.diagnosis_tables import split_csv
-from posture_opt.report.parts.model_tables import rows_words
-from posture_opt.statements import Statement
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PLANAR, write
 
@@ -41,7 +36,7 @@ def diagnosed(folder: Path, visits: int) -> po.Diagnosis:
     return po.diagnose(problem, data)
 
 
-def said(found: po.Diagnosis) -> dict[str, Statement]:
+def said(found: po.Diagnosis) -> dict[str, Any]:
     return {one.id.removeprefix("diagnosis."): one for one in found.statements}
 
 
@@ -76,14 +71,6 @@ def test_without_repeats_nothing_is_called_noise_and_repeats_are_asked_for(tmp_p
     assert "measurement noise" not in found.report()
 
 
-@pytest.mark.parametrize(("kept", "notes"), [([True, True], 0), ([True, False], 1)])
-def test_no_outlier_is_to_be_looked_at_where_none_is_listed(kept: list[bool], notes: int) -> None:
-    minimum: Any = SimpleNamespace(converged=True, steps=1)
-    data: Any = SimpleNamespace()
-    found = Fit(data, np.zeros(1), np.eye(1), np.eye(1), np.array(kept), np.zeros(2), 1.0, minimum, settled=False)
-    assert len(found.notes) == notes
-
-
 def test_what_is_to_be_repeated_is_filled_in_and_tells(tmp_path: Path) -> None:
     """The table of planned repeats, measured by the same arm and put below the data, has the joint named."""
     found = diagnosed(tmp_path, visits=1)
@@ -100,28 +87,3 @@ def test_what_is_to_be_repeated_is_filled_in_and_tells(tmp_path: Path) -> None:
     again = po.diagnose(problem, po.read_measurements(tmp_path / "more.csv", problem))
     assert again.verdict == "effects_found"
     assert [f.target for f in again.effects if f.kind == "joint_noise"] == ["joint2"]
-
-
-def test_postures_that_were_measured_again_are_counted_whatever_their_rows_are_called(noisy: po.Diagnosis) -> None:
-    # 30 postures, four times each in random order; rows without a pose have one of their own.
-    data = noisy.request.data
-    assert rows_words(data, noisy.problem.robot) == "120 rows in 30 postures; 30 of them measured more than once"
-    once = replace(data, q=np.random.default_rng(0).uniform(-2, 2, data.q.shape), pose=np.arange(120))
-    assert rows_words(once, noisy.problem.robot) == "120 rows in 120 postures"
-
-
-def test_a_joint_that_scatters_moves_the_tool_by_its_lever(noisy: po.Diagnosis) -> None:
-    (finding,) = [f for f in noisy.effects if f.noise is not None]
-    # The tool point is 0.9991 m from the second joint in all postures.
-    sigma = finding.estimate["sigma"][0]
-    assert noisy.shift_at_tool(finding) == pytest.approx(0.9991 * sigma, rel=1e-3)
-    assert f"σ {1e3 * 0.9991 * sigma:.3f} mm" in noisy.report(full=False)
-
-
-@pytest.mark.parametrize(("low", "alike"), [(0.9, True), (1.1, False)])
-def test_a_rest_as_small_as_noise_is_said_to_be_so(low: float, alike: bool, noisy: po.Diagnosis) -> None:
-    left = replace(noisy.errors["extended"], interval=(low * noisy.held_out_noise, 1.0))
-    unsure = replace(noisy.adequacy, structure=1e-9)
-    other = replace(noisy, errors={**noisy.errors, "extended": left}, verdict="unexplained", adequacy=unsure)
-    assert other.like_noise is alike
-    assert ("structure-small" in said(other)) is alike

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -105,14 +104,6 @@ def test_the_tool_point_at_the_task_is_as_sure_as_was_promised() -> None:
 
 
 @pytest.mark.long
-def test_a_plan_for_the_task_serves_the_task_and_one_for_parameters_the_parameters() -> None:
-    task, parameters = plan_of("task"), po.plan_measurements(task_problem(), 30)
-    assert task.after.task < 0.75 * parameters.after.task
-    assert np.nanmean(np.log(parameters.after.std / task.after.std)) < -0.3
-    assert task.after.observability["O1"] < parameters.after.observability["O1"]
-
-
-@pytest.mark.long
 @pytest.mark.parametrize("purpose", ["parameters", "task"])
 def test_chosen_postures_do_what_more_random_ones_would(purpose: str) -> None:
     plan = plan_of(purpose)
@@ -149,21 +140,6 @@ def test_the_tool_point_stays_where_the_instrument_sees_it() -> None:
     assert (points >= np.array(low) - 1e-9).all()
     assert (points <= np.array(high) + 1e-9).all()
     assert not any("table" in note for note in plan.notes)
-
-
-@pytest.mark.long
-def test_the_file_takes_what_was_measured_beside_the_postures(tmp_path: Path) -> None:
-    plan, problem = plan_of(), problem_of()
-    head, *lines = plan.to_csv().splitlines()
-    points = 1e3 * SimulatedArm(TABLE, base=BASE, tool=TOOL).points(plan.q)
-    rows = [f"{line}, {', '.join(f'{v:.4f}' for v in point)}" for line, point in zip(lines, points, strict=True)]
-    (tmp_path / "measured.csv").write_text("\n".join([head + ", x [mm], y [mm], z [mm]", *rows]), encoding="utf-8")
-    data = po.read_measurements(tmp_path / "measured.csv", problem)
-    assert head.startswith("j1 [deg], j2 [deg]")
-    # What the file says is what was planned, to the last digit: postures are rounded before they are chosen.
-    np.testing.assert_allclose(data.q, plan.q, atol=1e-14)
-    assert len(np.unique(data.pose)) == 30
-    assert po.calibrate(problem, data).calibrated.rms < 1e-3
 
 
 def test_what_is_given_counts() -> None:
@@ -213,23 +189,6 @@ def test_the_arms_own_scatter_is_counted_with() -> None:
     assert np.median(plan.after.std[known] / bare.after.std[known]) == pytest.approx(plan.spread, rel=0.3)
 
 
-@pytest.mark.long
-def test_the_task_turns_with_a_base_that_is_found_elsewhere() -> None:
-    arm = SimulatedArm(TABLE, base=BASE, tool=TOOL)
-    there = BASE @ np.array([0.5, 0.2, 0.2, 1.0])
-    moved = {**TASK, "direction": list(BASE[:3, 2] * -1), "position": [f"{v!r} m" for v in there[:3].tolist()]}
-    far = {"base": "free", "tool": FREE["tool"]}
-    sigma = {"sigma": {"j1.theta": "0.2 mrad", "j2.theta": "0.2 mrad", "j3.theta": "0.2 mrad"}}
-    off = []
-    for robot, task in ((far, TASK), (FREE, moved)):
-        problem = problem_of(robot=robot, uncertainty=sigma, task=task)
-        data = measured(problem, arm, arm.drawn(40, np.random.default_rng(9)), np.random.default_rng(8))
-        plan = plan_few(problem, 10, given=data)
-        off.append(plan.before.task)
-    # The same data and the same posture, but for what the search for it leaves.
-    assert off[0] == pytest.approx(off[1], rel=0.01)
-
-
 def touching(arm: SimulatedArm, points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Random postures (N, 6) whose tool points are ``points`` (N, 3), by damped steps along numerical derivatives."""
     q, steps = rng.uniform(-2, 2, (len(points), 6)), 1e-6 * np.eye(6)
@@ -269,17 +228,6 @@ def test_every_target_is_measured_at_every_posture() -> None:
     assert {"tool[A].x", "tool[B].x"} <= {p.name for p in plan.parameters}
 
 
-def test_repeats_are_rounds_of_the_whole_tour() -> None:
-    problem = problem_of(PLANAR, robot={})
-    once, thrice = plan_few(problem, 8), plan_few(problem, 8, repeats=3)
-    # The mean of three visits has a variance of a third, and the σ's of geometry are 10 mm and 1 deg: nothing here.
-    np.testing.assert_allclose(thrice.after.std, once.after.std / np.sqrt(3), rtol=0.05)
-    head, *lines = thrice.to_csv().splitlines()
-    assert head == "j1 [deg], j2 [deg], pose"
-    assert lines[:8] == lines[8:16] == lines[16:]
-    assert [line.split(", ")[2] for line in lines[:8]] == [str(k) for k in range(1, 9)]
-
-
 def test_orientations_are_planned_with_where_the_instrument_measures_them() -> None:
     turned = problem_of(uncertainty={"measurement": {"position": "0.02 mm", "orientation": "0.1 mrad"}})
     plan = plan_few(turned, 12)
@@ -288,19 +236,6 @@ def test_orientations_are_planned_with_where_the_instrument_measures_them() -> N
     assert "tool.roll" not in [p.name for p in plan_of().parameters]
     at, other = names.index("j5.alpha"), [p.name for p in plan_of().parameters].index("j5.alpha")
     assert plan.after.std[at] * np.sqrt(12) < plan_of().after.std[other] * np.sqrt(30)  # a posture tells more
-
-
-def test_slides_and_arms_with_few_joints_are_planned_for() -> None:
-    scara = (
-        ("j1", "revolute", 0.0, 0.3, 0.3, 0.0), ("j2", "revolute", 0.0, 0.0, 0.25, np.pi),
-        ("j3", "prismatic", 0.0, 0.05, 0.0, 0.0), ("j4", "revolute", 0.0, 0.0, 0.0, 0.0),
-    )  # fmt: skip
-    plan = plan_few(problem_of(scara), 15)
-    assert plan.q[:, 2].min() >= 0.002 - 1e-12
-    assert plan.q[:, 2].max() <= 0.298 + 1e-12
-    np.testing.assert_allclose(plan.q[:, 2] * 1e5, np.round(plan.q[:, 2] * 1e5), atol=1e-6)
-    one = plan_few(problem_of(PLANAR[:1], robot={}), 4)
-    assert {p.name for p, s in zip(one.parameters, one.settled, strict=True) if s} == {"j1.theta", "j1.a"}
 
 
 def test_what_cannot_be_planned_is_said() -> None:

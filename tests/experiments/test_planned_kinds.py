@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import posture_opt as po
+from tests.helpers.cameras import TOOL_SCENE, Scene, camera_problem, camera_table, grid
 from tests.helpers.instruments import (
     ANCHORS,
     MOUNTING,
@@ -201,18 +202,6 @@ def test_planned_lengths_are_within_the_stroke_that_was_used() -> None:
     assert [one["place"] for one in plan.to_json()["postures"]] == list(plan.places)
 
 
-def test_a_plan_for_a_recheck_reads_lengths_to_the_anchors_of_the_given_rows() -> None:
-    rng = np.random.default_rng(37)
-    arm, given = TrueArm.drawn(rng), problem("distance")
-    data = po.read_measurements(distance_table(arm, rng, 8, SIGMA), given)
-    plan = po.plan_measurements(given, 6, given=data, purpose="recheck", candidates=40)
-    code = np.array([int(name.removeprefix("bar")) for name in plan.places])
-    length = np.linalg.norm(arm.point(plan.q) - ANCHORS[code], axis=1)
-    assert np.all(length < data.reading.max() + 5e-3)
-    assert {p.name for p in plan.parameters if p.group == "place"} >= {f"anchor[bar{k}].x" for k in range(4)}
-    assert plan.gain > 1
-
-
 @pytest.mark.conformance
 def test_planned_touches_are_on_the_plates_where_they_were_touched() -> None:
     rng = np.random.default_rng(32)
@@ -227,4 +216,104 @@ def test_planned_touches_are_on_the_plates_where_they_were_touched() -> None:
         far = np.linalg.norm(points[own][:, None] - before[None], axis=-1).min(axis=1, initial=np.inf)
         assert np.all(far < 0.6)
     # With as many new touches there as planned, the arm is known better than with random ones.
+    assert plan.gain > 1
+
+
+# --- Postures planned for a camera: a simulator of its own sees the whole board from each, and no link hides it -------
+
+SMALL = grid(3, 4, 0.05)
+SCENES = {"cell": replace(Scene(), corners=SMALL), "tool": replace(TOOL_SCENE, corners=SMALL)}
+
+
+def given(where: str, folder: Path, n: int) -> tuple[po.Problem, po.Measurements, TrueArm]:
+    """A problem, n pictures of the whole board, and the arm that took them."""
+    rng = np.random.default_rng(2)
+    arm = TrueArm.drawn(rng)
+    text = camera_problem(folder, SCENES[where])
+    text["data"]["markers"]["board"]["chessboard"] = {"rows": 3, "columns": 4, "square": "50 mm"}  # type: ignore[index]
+    problem = po.problem_from_dict(text, folder)
+    return problem, po.read_measurements(camera_table(arm, rng, n, 0.2, SCENES[where]), problem), arm
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("where", ["cell", "tool"])
+def test_the_whole_board_is_seen_from_planned_postures(where: str, tmp_path: Path) -> None:
+    problem, data, arm = given(where, tmp_path, 15)
+    scene = SCENES[where]
+    plan = po.plan_measurements(problem, 8, given=data, candidates=120)
+    assert plan.places == ("left",) * 8
+    assert plan.gain > 1
+    head, *rows = plan.to_csv().splitlines()
+    assert head.endswith("camera, marker")
+    assert [row.split(", ")[-2:] for row in rows] == [["left", f"board/{k}"] for k in range(12)] * 8
+    fronts = []
+    for q in (plan.q, np.unique(data.q, axis=0)):
+        for pose in arm.pose(q):
+            assert scene.camera.seen(scene.pixels(pose)).all()
+            world = scene.board if scene.on_tool else pose @ scene.board
+            eye = (pose @ scene.camera.pose if scene.on_tool else scene.camera.pose)[:3, 3]
+            middle = world[:3, :3] @ scene.corners.mean(axis=0) + world[:3, 3]
+            fronts.append(float((middle - eye) @ world[:3, 2] / np.linalg.norm(middle - eye)))
+            assert 0.6 < np.linalg.norm(middle - eye) < 1.5  # as far as given pictures, and so as large
+    assert min(fronts) > 0.4 or max(fronts) < -0.4  # all from the same side, none edge on
+
+
+# --- Plans with cameras: with the readings of a simulator of its own in further columns, they are files to calibrate --
+
+SCENE = replace(TOOL_SCENE, corners=grid(3, 4, 0.05))
+WIRE = 1e-4
+
+
+def problem_filled(folder: Path) -> po.Problem:
+    text = camera_problem(folder, SCENE)
+    text["robot"]["tool"]["free"] = True  # type: ignore[index]
+    text["uncertainty"]["measurement"]["distance"] = "0.1 mm"  # type: ignore[index]
+    text["data"]["markers"]["board"]["chessboard"] = {"rows": 3, "columns": 4, "square": "50 mm"}  # type: ignore[index]
+    return po.problem_from_dict(text, folder)
+
+
+def filled(plan: str, scene: Scene, arm: TrueArm, rng: np.random.Generator) -> str:
+    """The text of a plan with readings in further columns: pixels where a marker is named, lengths at anchors."""
+    head, *lines = plan.splitlines()
+    names = [name.strip() for name in head.split(",")]
+    written = [f"{head}, u [px], v [px], distance [mm]"]
+    for line in lines:
+        row = dict(zip(names, (cell.strip() for cell in line.split(",")), strict=True))
+        pose = arm.pose(np.radians([[float(cell) for cell in list(row.values())[:6]]]))[0]
+        if row["marker"]:
+            uv = scene.pixels(pose)[int(row["marker"].removeprefix("board/"))] + rng.normal(0, 0.2, 2)
+            read = f"{uv[0]:.4f}, {uv[1]:.4f}, "
+        else:
+            anchor = ANCHORS[int(row["anchor"].removeprefix("bar"))]
+            read = f", , {1e3 * (np.linalg.norm(pose[:3, 3] - anchor) + rng.normal(0, WIRE)):.5f}"
+        written.append(f"{line}, {read}")
+    return "\n".join(written) + "\n"
+
+
+@pytest.mark.long
+def test_a_mixed_plan_with_a_camera_is_filled_in_and_calibrated(tmp_path: Path) -> None:
+    rng = np.random.default_rng(41)
+    arm, given = TrueArm.drawn(rng), problem_filled(tmp_path)
+    tables = {"eye": camera_table(arm, rng, 8, 0.2, SCENE), "wire": distance_table(arm, rng, 4, WIRE)}
+    bare = {k: {c: v for c, v in t.items() if "approach" not in c} for k, t in tables.items()}
+    data = po.read_measurements(mixed_table(bare), given)
+    plan = po.plan_measurements(given, 12, given=data, candidates=60, repeats=2)
+    assert {*plan.instruments} == {"eye", "wire"}
+    pictures = plan.instruments.count("eye")
+    (tmp_path / "measured.csv").write_text(filled(plan.to_csv(), SCENE, arm, rng))
+    again = po.read_measurements(tmp_path / "measured.csv", given)
+    assert len(again) == 2 * (2 * len(SCENE.corners) * pictures + len(plan.q) - pictures)
+    found = po.calibrate(given, again, plan=False, folds=2)
+    assert 0.8 < found.variance < 1.25
+
+
+def test_a_plan_for_a_recheck_reads_lengths_to_the_anchors_of_the_given_rows() -> None:
+    rng = np.random.default_rng(37)
+    arm, given = TrueArm.drawn(rng), problem("distance")
+    data = po.read_measurements(distance_table(arm, rng, 8, SIGMA), given)
+    plan = po.plan_measurements(given, 6, given=data, purpose="recheck", candidates=40)
+    code = np.array([int(name.removeprefix("bar")) for name in plan.places])
+    length = np.linalg.norm(arm.point(plan.q) - ANCHORS[code], axis=1)
+    assert np.all(length < data.reading.max() + 5e-3)
+    assert {p.name for p in plan.parameters if p.group == "place"} >= {f"anchor[bar{k}].x" for k in range(4)}
     assert plan.gain > 1

@@ -29,8 +29,8 @@ from posture_opt.explore.answers import Answer, Answers, Following, Request
 from posture_opt.explore.explorer import Explorer
 from posture_opt.explore.live_map import heat_of, passes_of
 from posture_opt.explore.other_process import OtherProcess
-from posture_opt.files import problems_folder
 from posture_opt.model.toolchain import compiled_before
+from tests.helpers.shipped import PROBLEMS
 
 pytest.importorskip("viser", reason="viser is not installed")
 PLANAR = "insert_planar_2r_fixed_hole"
@@ -181,18 +181,6 @@ def test_a_defect_of_one_request_does_not_end_the_page(capsys: Any) -> None:
     capsys.readouterr()
 
 
-def test_a_posture_of_ones_own_has_its_spread() -> None:
-    shown: list[Answer] = []
-    answers, problem = Answers(shown.append), po.load_problem(PLANAR)
-    try:
-        answers.ask(Request(problem, (0.3, 0.4)))
-        until(lambda: bool(shown))
-    finally:
-        answers.end()
-    assert shown[0].own is not None
-    np.testing.assert_array_equal(shown[0].own.covariance, po.propagate(problem, (0.3, 0.4)).covariance)
-
-
 def test_names_are_text_and_no_markup() -> None:
     """In the title of the page, and wherever the panel writes HTML itself."""
     name = "<img src=x onerror='alert(1)'>"
@@ -206,11 +194,6 @@ def test_names_are_text_and_no_markup() -> None:
         until(lambda: "Standard deviation" in page._panel._numbers.content)
         assert "&lt;img src=x" in page._panel._numbers.content
         assert "<img" not in page._panel._numbers.content
-
-
-def test_a_target_of_numbers_only(page: Any) -> None:
-    with pytest.raises(po.errors.InputError, match="three finite numbers"):
-        page.target = (0.5, float("nan"), 0.0)
 
 
 def test_a_file_that_was_changed_meanwhile_is_kept(page: Any, tmp_path: Path) -> None:
@@ -235,18 +218,6 @@ def test_a_typed_target_that_no_file_can_state_is_refused_in_words(page: Any) ->
     assert "not plausible" in page._panel._state.content
     assert page.target == before
     assert page._panel._place.value == pytest.approx([1e3 * v for v in before])
-
-
-def test_an_obstacle_that_another_browser_removed_moves_no_more() -> None:
-    problem, sent = po.load_problem("insert_scara_cell"), []
-    with problem.explore(port=18145) as page:
-        panel = page._panel.obstacles
-        panel._which.value = panel._names()[0]
-        panel._choose()
-        panel._which.value = "none"
-        panel._changed = sent.append
-        panel.move(np.array([0.1, 0.2, 0.3]))
-    assert not sent
 
 
 @pytest.mark.parametrize(
@@ -344,16 +315,6 @@ def panel_kind(word: str) -> Any:
 
 
 @pytest.mark.long
-def test_criterion_and_direction_can_be_changed(page: Any) -> None:
-    assert page.change("task", {"task__criterion": "trace", "task__direction": [1.0, 0.0, 0.0]})
-    found = settled(page).solution
-    asked = po.load_problem(PLANAR).replace(task__criterion="trace", task__direction=[1.0, 0.0, 0.0])
-    assert found.sigma_max == po.select_posture(asked).sigma_max
-    assert not page.change("task", {"task__direction": [0.0, 0.0, 0.0]})
-    assert page.problem.task.direction == (1.0, 0.0, 0.0)
-
-
-@pytest.mark.long
 def test_features_with_their_workpiece_put_somewhere(tmp_path: Path, capsys: Any) -> None:
     """What the page says is what the command line says, of the best placement and of one of the user's own."""
     problem = po.load_problem("insert_scara_tray")
@@ -376,17 +337,6 @@ def test_features_with_their_workpiece_put_somewhere(tmp_path: Path, capsys: Any
         assert "seat 3" in stations._words.content
         stations.place_best()
         assert settled(page).solution.sigma == best.sigma
-
-
-@pytest.mark.long
-def test_a_path_is_played_back() -> None:
-    with po.load_problem("dispense_planar_2r").explore(port=18165) as page:
-        count, stations, seen = len(settled(page).solution.points), page._panel.stations, []
-        shown = stations._redraw
-        stations._redraw = lambda: (seen.append(int(stations._which.value)), shown())
-        stations._start_or_stop()
-        until(lambda: len(seen) >= count)
-    assert seen == list(range(1, count + 1))
 
 
 @pytest.mark.long
@@ -465,7 +415,7 @@ def test_the_folder_of_a_result_is_the_arm_that_it_delivered(tmp_path: Path) -> 
     with pytest.raises(po.errors.InputError, match="this is a folder"):
         po.load_problem(tmp_path)
     for name, kind in (("calibrated", "insert_panda"), ("extended", PLANAR)):
-        (tmp_path / f"{name}.yaml").write_bytes((problems_folder() / f"{kind}.yaml").read_bytes())
+        (tmp_path / f"{name}.yaml").write_bytes((PROBLEMS / f"{kind}.yaml").read_bytes())
         assert po.load_problem(tmp_path).to_dict() == po.load_problem(kind).to_dict()
 
 
@@ -486,16 +436,6 @@ def test_two_hundred_moves_leave_nothing_behind(capsys: Any) -> None:
                 resident.append(int(Path("/proc/self/statm").read_text().split()[1]) * 4096)
     assert resident[1] - resident[0] < 20e6
     assert "Traceback" not in capsys.readouterr().err
-
-
-@pytest.mark.long
-def test_the_report_is_that_of_the_answer(page: Any, tmp_path: Path) -> None:
-    settled(page)
-    page._away.folder = tmp_path
-    assert "Report written" in page._away.report(page.solution)
-    (folder,) = tmp_path.iterdir()
-    document = json.loads((folder / "solution.json").read_text())
-    assert document["posture"] == dict(page.solution.posture)
 
 
 @pytest.mark.interrupts
@@ -521,3 +461,15 @@ def test_the_command_prints_its_address_and_ends_by_a_signal() -> None:
         out, _ = process.communicate(timeout=60)
         assert out == ""
         assert process.returncode == 128 + 15
+
+
+def test_an_obstacle_that_another_browser_removed_moves_no_more() -> None:
+    problem, sent = po.load_problem("insert_scara_cell"), []
+    with problem.explore(port=18145) as page:
+        panel = page._panel.obstacles
+        panel._which.value = panel._names()[0]
+        panel._choose()
+        panel._which.value = "none"
+        panel._changed = sent.append
+        panel.move(np.array([0.1, 0.2, 0.3]))
+    assert not sent

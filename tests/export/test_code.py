@@ -120,20 +120,6 @@ def test_c_is_right_where_the_compiler_may_reorder_sums(tmp_path: Path) -> None:
 
 
 @needs_compiler
-def test_the_main_notices_a_wrong_number(tmp_path: Path) -> None:
-    sources = written(po.load_problem("insert_panda"), tmp_path)
-    code = (tmp_path / "tool_covariance.c").read_text()
-    length = "0.316"  # of the upper arm [m]
-    assert length in code
-    (tmp_path / "tool_covariance.c").write_text(code.replace(length, "0.31600001"))
-    subprocess.run([COMPILERS[0], *sources, "-o", "check", "-lm"], cwd=tmp_path, check=True)
-    done = subprocess.run([tmp_path / "check"], capture_output=True, text=True, check=False)
-    assert done.returncode == 1
-    assert "tool_covariance_rows, covariance" in done.stdout
-    assert done.stdout.count("WRONG") == 6  # position, covariance and first order, alone and in rows
-
-
-@needs_compiler
 def test_c_gives_the_numbers_of_python_at_random_postures(tmp_path: Path) -> None:
     problem = po.load_problem("insert_panda")
     sources = written(problem, tmp_path)

@@ -15,7 +15,6 @@ import pytest
 import yaml
 
 import posture_opt as po
-from posture_opt.errors import InputError
 from posture_opt.export import PROGRAM_FORMATS
 from posture_opt.export.export_files import export_kinds, program_files
 from posture_opt.export.robot_program import program_through
@@ -111,6 +110,6 @@ def test_words_of_a_language_are_no_names_of_programs(kind: str, names: tuple[st
     problem = arm_of(tuple("abcdef"))
     write: Callable[[str], Any] = lambda name: po.export_files(problem, kind, name=name, posture=[0.1] * 6)  # noqa: E731
     for name in names:
-        with pytest.raises(InputError, match=name):
+        with pytest.raises(po.errors.InputError, match=name):
             write(name)
     assert write("go").files

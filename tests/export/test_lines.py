@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -14,7 +13,6 @@ import yaml
 
 import posture_opt as po
 from posture_opt.export.export_files import program_files
-from posture_opt.export.program_format import maker_of
 from posture_opt.export.robot_program import MotionRequest
 from tests.export.programs import READERS, answer_program
 
@@ -99,25 +97,6 @@ def test_the_tool_data_is_that_of_the_problem() -> None:
     np.testing.assert_allclose(quaternion, R[:2, :2], atol=1e-8)
 
 
-def test_the_trajectory_has_the_times_of_the_path() -> None:
-    message = yaml.safe_load(written("jointstate")["posture.yaml"])
-    times = [p["time_from_start"]["sec"] + 1e-9 * p["time_from_start"]["nanosec"] for p in message["points"]]
-    along = np.array(times[1:-1]) - times[1]
-    expected = np.array([0.0, 0.1, 0.102, 0.2]) / SPEED
-    assert len(times) == len(expected) + 2
-    np.testing.assert_allclose(along, expected, atol=1e-6)
-    # from 50 mm in front of it and to 50 mm behind it, at the same speed as the other programs state
-    assert [times[1] - times[0], times[-1] - times[-2]] == pytest.approx([0.05 / SPEED] * 2, abs=1e-6)
-
-
-def test_without_a_speed_lines_take_their_share_of_the_reduced_speed() -> None:
-    problem, answer = seam()
-    unhurried = replace(problem, task=problem.task.model_copy(update={"speed": None}))
-    program = answer_program(unhurried, replace(answer, problem=unhurried), MotionRequest(speed=40.0))
-    text = program_files(program, "krl", "").files["posture.src"]
-    assert "$VEL.CP=0.100000" in text
-
-
 @pytest.mark.parametrize(("robot", "kind", "warned"), [
     ("ur10e", "krl", "KUKA"), ("ur10e", "rapid", "ABB"), ("ur10e", "urscript", ""), ("ur10e", "jointstate", ""),
     ("kr6_r900", "krl", ""), ("irb120", "rapid", ""), ("irb120", "urscript", "Universal Robots"),
@@ -130,23 +109,3 @@ def test_another_makers_arm_is_noticed(robot: str, kind: str, warned: str) -> No
     assert len(notes) == bool(warned)
     assert not warned or f"this is a program for controllers of {warned}." in notes[0]
     assert not warned or notes[0] in "".join(found.files.values())
-
-
-@pytest.mark.parametrize(("name", "maker"), [
-    ("ur5e", "Universal Robots"), ("UR10_robot", "Universal Robots"), ("kuka_kr6", "KUKA"), ("lbr_iiwa_14", "KUKA"),
-    ("abb_irb1200", "ABB"), ("Stäubli TX2-60", "Stäubli"), ("cursor 5", ""), ("lab arm", ""), ("blur 10 x", ""),
-])  # fmt: skip
-def test_makers_are_found_in_names(name: str, maker: str) -> None:
-    assert maker_of(name) == maker
-
-
-@pytest.mark.long
-def test_a_single_stop_has_a_way_in_and_out_where_it_is_asked_for() -> None:
-    problem = po.load_problem("insert_ur10").replace(solver__starts=2)
-    answer = po.select_posture(problem)
-    assert len(answer_program(problem, answer, MotionRequest(approach=0.0))) == 1
-    program = answer_program(problem, answer, MotionRequest(approach=0.03))
-    above, target, back = (np.asarray(problem.arm.position(q)) for q in program.q)
-    np.testing.assert_allclose(above - target, [0, 0, 0.03], atol=1e-6)
-    np.testing.assert_allclose(back, above, atol=1e-6)
-    assert [move.line for move in program.moves] == [False, True, True]

@@ -12,7 +12,6 @@ import posture_opt as po
 from posture_opt.export.export_files import program_files
 from posture_opt.export.robot_program import MotionRequest
 from tests.export.programs import READERS, answer_program
-from tests.helpers import brute_force
 
 TOOL = {"xyz": ["0 m", "0 m", "120 mm"]}
 UR10 = {"kind": "preset", "name": "ur10", "tool": TOOL}
@@ -43,24 +42,6 @@ def test_each_feature_is_entered_and_left_along_its_own_direction() -> None:
         front, stop, behind = tool[3 * k : 3 * k + 3]
         np.testing.assert_allclose(front - stop, away[name], atol=2e-5)
         np.testing.assert_allclose(behind - stop, away[name], atol=2e-5)
-
-
-def test_a_path_is_left_along_the_tool_and_not_up() -> None:
-    points = [["0.8 m", "0.1 m", f"{z} m"] for z in (0.3, 0.4)]
-    task = {"kind": "weld", "points": points, "direction": [0, 1, 0]}
-    problem, answer = answered(robot=UR10, task=task, solver={"starts": 1, "seed": 0})
-    q = answer_program(problem, answer).q
-    tool = np.array([np.asarray(problem.arm.position(row), dtype=float) for row in q])
-    np.testing.assert_allclose(tool[0] - tool[1], [0, -0.05, 0], atol=2e-5)
-
-
-def test_a_joint_that_is_held_is_held_on_the_way_in() -> None:
-    held = [{"kind": "fixed_joints", "values": {"panda_joint3": "20 deg"}}]
-    task = {"kind": "insert", "position": ["0.5 m", "0.1 m", "0.2 m"], "subject_to": held}
-    problem, answer = answered(robot={"kind": "preset", "name": "panda", "tool": TOOL}, task=task)
-    q = answer_program(problem, answer, MotionRequest(approach=0.05)).q
-    assert len(q) == 3
-    np.testing.assert_allclose(q[:, 2], np.radians(20), atol=1e-9)
 
 
 RAIL = [
@@ -107,23 +88,3 @@ def test_the_load_is_that_of_the_task_and_plunges_are_slow() -> None:
     assert "a=1.2, v=0.2" in script  # 17 mm to come to speed; with a tenth of it the whole seam is too short
     message = program_files(answer_program(problem, answer, MotionRequest(speed=1.0)), "jointstate", "")
     assert "The first stop has 50 s from wherever the arm is" in "".join(dict(message.files).values())
-
-
-def test_legs_that_are_not_named_are_free_densely_looked_at() -> None:
-    """A thin post stands between the postures; also on the way back to the first one of a further round."""
-    post = {"name": "post", "kind": "cylinder", "radius": "10 mm", "length": "1.4 m"}
-    posts = [{**post, "name": f"post {k}", "xyz": xyz} for k, xyz in enumerate((
-        ["0.7 m", "0 m", "0.7 m"], ["-0.5 m", "0.5 m", "0.7 m"]))]  # fmt: skip
-    problem = po.problem_from_dict({
-        "robot": UR10, "cell": {"obstacles": posts}, "uncertainty": {"sigma": {"elbow.theta": "1 mrad"}},
-        "task": {"kind": "insert", "position": ["0.6 m", "0.4 m", "0.2 m"]},
-    })  # fmt: skip
-    plan = po.plan_measurements(problem, count=12, repeats=2, seed=0)
-    scene = problem.scene
-    legs = [*((k, k + 1) for k in range(len(plan.q) - 1)), (len(plan.q) - 1, 0)]
-    named = {*plan.tour.blocked, *([len(plan.q) - 1] if plan.tour.back else [])}
-    for k, (a, b) in enumerate(legs):
-        shares = np.linspace(0, 1, 150)[:, None]
-        free = np.all(scene.slack((1 - shares) * plan.q[a] + shares * plan.q[b]) > -1e-6)
-        assert free or k in named
-    assert brute_force.slack(scene, plan.q[0]) > -1e-6

@@ -118,18 +118,6 @@ def test_the_shape_comes_back_as_the_same_capsules(tmp_path: Path) -> None:
     assert np.abs(np.array(ends[0], dtype=float) - np.array(ends[1], dtype=float)).max() < 1e-6
 
 
-def test_the_table_adds_up() -> None:
-    problem = corrected(SECTIONS["mdh"], 3)
-    head, *rows = [line.split(", ") for line in po.export_files(problem, "dh").files["dh.csv"].splitlines()]
-    assert head == ["parameter", "unit", "nominal", "correction", "sum"]
-    assert [row[0] for row in rows] == list(problem.robot.parameters)
-    for name, unit, *numbers in rows:
-        nominal, correction, total = (float(v) / (np.degrees(1) if unit == "deg" else 1e3) for v in numbers)
-        assert total == pytest.approx(problem.robot.parameters[name].nominal, abs=1e-12)
-        assert nominal == pytest.approx(problem.nominal.parameters[name].nominal, abs=1e-12)
-        assert nominal + correction == pytest.approx(total, abs=1e-12)
-
-
 def hash_of(name: str) -> int:
     """A seed of a name, the same in every process."""
     return sum(map(ord, name))

@@ -11,7 +11,6 @@ import pinocchio
 import pytest
 
 import posture_opt as po
-from posture_opt.errors import InputError
 from tests.helpers.pin import robots_folder
 
 ARM = """<?xml version="1.0"?>
@@ -133,7 +132,7 @@ def test_efforts_bound_the_torque_and_velocities_the_speed(tmp_path: Path) -> No
     assert bounded.with_task("hold").task.subject_to[0].at_most == {"turn": 150.0}
     assert "at_most" not in bounded.to_dict()["task"]["subject_to"][0]
     arm = {"kind": "preset", "name": "ur10"}
-    with pytest.raises(InputError, match="joint_torque states no bound"):
+    with pytest.raises(po.errors.InputError, match="joint_torque states no bound"):
         po.select_posture(
             po.problem_from_dict({"robot": arm, "task": {**task, "position": ["0.6 m", "0.2 m", "0.3 m"]}})
         )

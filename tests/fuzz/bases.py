@@ -11,7 +11,7 @@ from typing import Any
 import yaml
 
 import posture_opt as po
-from posture_opt.files import builtin_names, problems_folder
+from tests.helpers.shipped import PROBLEMS, builtin_names
 
 _PLAIN = {"type": "revolute", "a": "0.3 m", "alpha": "0 deg", "d": "0 m", "theta": "0 deg"}
 _LIMITS = {"limits": ["-170 deg", "170 deg"]}
@@ -91,7 +91,7 @@ def _problem(name: str) -> po.Problem:
 
 
 def _builtin(name: str) -> Base:
-    folder = problems_folder()
+    folder = PROBLEMS
     text = (folder / f"{name}.yaml").read_text(encoding="utf-8")
     named = [path for path in folder.iterdir() if path.suffix in (".csv", ".urdf") and path.name in text]
     files = {path.name: path.read_bytes() for path in named}
@@ -108,4 +108,4 @@ def _joints(name: str) -> tuple[str, ...]:
 
 def problem_file(name: str) -> Path:
     """A file of the folder of built-in problems."""
-    return problems_folder() / name
+    return PROBLEMS / name

@@ -7,12 +7,12 @@ from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
-from posture_opt.problem.schema import json_schema
 from posture_opt.problem.yaml_source import dump_yaml
 from tests.fuzz.bases import Base, bases
 from tests.fuzz.case import Case
 from tests.fuzz.sections import made, resolved
 from tests.fuzz.yaml_cases import FILE, command_words, plain
+from tests.helpers.shipped import json_schema
 
 Step = tuple[str, Any]
 """Into a key (``"key", name``), one of several schemas (``"choice", number``), or a list (``"item", None``)."""

@@ -6,8 +6,8 @@ import random
 from functools import cache
 from typing import Any
 
-from posture_opt.problem.schema import json_schema
 from tests.fuzz.values import NUMBERS, odd, size, word
+from tests.helpers.shipped import json_schema
 
 _DEEPEST = 7
 

@@ -6,13 +6,13 @@ import random
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from posture_opt.problem.schema import json_schema
 from posture_opt.problem.yaml_source import dump_yaml
 from tests.fuzz.bases import Base, bases
 from tests.fuzz.case import Case
 from tests.fuzz.sections import definitions, section
 from tests.fuzz.text_faults import spoil
 from tests.fuzz.values import NUMBERS, UNITS, odd, word
+from tests.helpers.shipped import json_schema
 
 FILE = "p.yaml"
 _SECTIONS = tuple(name for name in json_schema()["properties"] if name != "name")

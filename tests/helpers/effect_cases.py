@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from posture_opt.model.arm import Arm
+import posture_opt as po
 from posture_opt.model.arm_state import Inputs
 from posture_opt.model.effects import Effect, Excitation
-from posture_opt.problem.load import problem_from_dict
 from posture_opt.problem.schema import read_sections
 from tests.hidden import effects as hidden
 from tests.hidden.arms import ARMS
@@ -36,7 +35,7 @@ def robots(tmp: Any) -> dict[str, Any]:
         case = SimpleNamespace(nominal=arm, free=False, word=False, truth={"sigma": 5e-5}, priors={})
         if arm.urdf:
             (tmp / "arm.urdf").write_text(arm.urdf)
-        robot = problem_from_dict(document(case), folder=tmp).robot
+        robot = po.problem_from_dict(document(case), folder=tmp).robot
         inputs = Inputs(
             payload=session.payload,
             approach=list(session.side.T),
@@ -76,8 +75,8 @@ def sized(effect: Effect, rng: np.random.Generator) -> Effect:
     return effect.with_estimate(values)
 
 
-def with_effects(robot: Any, effects: tuple[Effect, ...], inputs: Inputs) -> Arm:
-    return Arm(robot, effects, inputs)
+def with_effects(robot: Any, effects: tuple[Effect, ...], inputs: Inputs) -> po.Arm:
+    return po.Arm(robot, effects, inputs)
 
 
 def one_row(inputs: Inputs, row: int) -> Inputs:

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from posture_opt.robot.preset import load_preset
 from posture_opt.uncertainty.sources.sources import Sources
+from tests.helpers.shipped import preset_robot
 from tests.helpers.stated import stated
 
 
 def planar(t1=1.0, t2=1.0, a=0.01, robot=None):
     """The lecture's planar arm, a = 1, 1 m: sigma of the angles [deg], of both lengths [m]."""
     sigma = {"joint1.theta": np.radians(t1), "joint2.theta": np.radians(t2), "joint1.a": a, "joint2.a": a}
-    return stated(robot=robot or load_preset("planar_2r"), sources=Sources.independent(sigma))
+    return stated(robot=robot or preset_robot("planar_2r"), sources=Sources.independent(sigma))
 
 
 def errors_of(robot, angle, length, kinds=("theta", "d", "a", "alpha", "beta")):

@@ -11,11 +11,11 @@ import pinocchio
 import pytest
 
 import posture_opt as po
-from posture_opt.model.chain import factor_values, walk
+from posture_opt.model.chain import Shell, factor_values, walk
 from posture_opt.robot import UrdfRobot
-from posture_opt.robot.preset import load_preset
 from tests.helpers.factors import pose, random_postures
 from tests.helpers.pin import BARE, PinArm, robots_folder
+from tests.helpers.shipped import preset_robot
 from tests.helpers.variants import STRUCTURES
 
 ROUNDING = 1e-12  # dozens of factors of rounding 1e-16, metres and radians of order one
@@ -55,7 +55,7 @@ def pinocchio_jacobian(outside, named, base, tip):
 
 @pytest.mark.parametrize("name", STRUCTURES)
 def test_pose_is_the_product_of_the_factors(name):
-    robot = load_preset(name)
+    robot = preset_robot(name)
     arm = po.Arm(robot)
     rng = np.random.default_rng(0)
     for q in random_postures(robot, 3):
@@ -67,7 +67,7 @@ def test_pose_is_the_product_of_the_factors(name):
 
 @pytest.mark.parametrize("name", STRUCTURES)
 def test_parameter_jacobian_is_the_complex_step(name):
-    robot = load_preset(name)
+    robot = preset_robot(name)
     arm = po.Arm(robot)
     rng = np.random.default_rng(1)
     (q,) = random_postures(robot, 1)
@@ -80,7 +80,7 @@ def test_parameter_jacobian_is_the_complex_step(name):
 
 @pytest.mark.parametrize("name", STRUCTURES)
 def test_jacobian_is_the_complex_step_of_the_joint(name):
-    robot = load_preset(name)
+    robot = preset_robot(name)
     (q,) = random_postures(robot, 1, seed=2)
     found = po.Arm(robot).jacobian(q)
     joints = {f.joint: f.parameter for f in robot.factors if f.joint is not None}
@@ -101,7 +101,7 @@ def complex_step(robot, q, p, name, h=1e-30):
 
 @pytest.mark.parametrize("name", ["planar_2r", "scara", "ur5e", "panda"])
 def test_symbols_give_the_numbers(name):
-    robot = load_preset(name)
+    robot = preset_robot(name)
     arm = po.Arm(robot)
     p = ca.SX.sym("p", len(arm.parameters))
     outputs = [arm.pose(arm.q, p), arm.jacobian(arm.q, p), arm.parameter_jacobian(arm.q, p), arm.position(arm.q, p)]
@@ -114,6 +114,35 @@ def test_symbols_give_the_numbers(name):
             np.testing.assert_allclose(symbols.full().reshape(number.shape), number, atol=ROUNDING)
 
 
-def test_a_vector_of_another_length_is_refused():
-    with pytest.raises(ValueError, match="posture: 2 values given, 6 expected"):
-        po.Arm(load_preset("ur5")).pose([0.0, 1.0])
+# --- The spheres that bound an arm's reach hold every posture, and hold it closely where the arm can stretch and
+# fold
+
+LONG_TOOL = {"xyz": ["1 m", "1 m", "1 m"], "rpy": ["0 deg", "0 deg", "-45 deg"]}
+
+
+def two_links() -> dict[str, object]:
+    joint = {"type": "revolute", "alpha": "0 deg", "d": "0 m", "theta": "0 deg", "limits": ["-180 deg", "180 deg"]}
+    joints = [{"name": "j1", "a": "1 m", **joint}, {"name": "j2", "a": "0.4 m", **joint}]
+    return {"kind": "dh", "joints": joints}
+
+
+@pytest.mark.parametrize("name", ["panda", "ur10", "scara", "irb120", "planar_2r"])
+@pytest.mark.parametrize("tool", [None, LONG_TOOL])
+def test_no_posture_leaves_the_spheres(name: str, tool: dict[str, object] | None) -> None:
+    robot = {"kind": "preset", "name": name} | ({"tool": tool} if tool else {})
+    arm = po.Arm.from_problem(po.problem_from_dict({"robot": robot}))
+    shell = Shell.of(arm.robot)
+    Q = np.random.default_rng(3).uniform(arm.robot.lower, arm.robot.upper, (300, arm.robot.n))
+    found = np.linalg.norm([np.asarray(arm.pose(q), dtype=float)[:3, 3] - shell.centre for q in Q], axis=1)
+    assert shell.least - 1e-12 <= found.min()
+    assert found.max() <= shell.most + 1e-12
+
+
+@pytest.mark.parametrize("x", ["0.3 m", "1.7 m"])
+def test_a_target_beyond_the_spheres_is_refused_without_a_random_start(x: str) -> None:
+    task = {"kind": "insert", "direction": [0, -1, 0], "position": [x, "0 m", "0 m"]}
+    asked = {"robot": two_links(), "uncertainty": {"sigma": {"j1.theta": "1 deg"}}, "task": task}
+    with pytest.raises(po.errors.NoSolutionError, match="the target is out of reach by 300 mm") as caught:
+        po.select_posture(po.problem_from_dict(asked))
+    assert caught.value.solution is not None
+    assert caught.value.solution.to_json()["solver"]["starts"] == 0

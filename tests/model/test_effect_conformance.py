@@ -25,9 +25,9 @@ from posture_opt.diagnosis.causes.causes import Finding
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.effects import CATALOGUE, EFFECTS, NOISES, CatalogueEntry, Cause, Effect, FittedSizes
 from posture_opt.model.effects.slip import Slip
-from posture_opt.problem.schema import json_schema
 from posture_opt.report.figures.diagnosis_curves import plot_curves
 from tests.helpers.effect_cases import SHAPES, excitation, instances, one_row, read, sized, with_effects
+from tests.helpers.shipped import json_schema
 from tests.helpers.variants import conformance
 from tests.hidden.draw import draw
 from tests.hidden.families import FAMILIES

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from tests.helpers.said import said
 
 AMPLITUDE = 0.6e-3
 LOW, HIGH = -23.0, 57.0
@@ -97,30 +96,6 @@ def test_what_cannot_be_done_within_it_is_said_first_and_costs_what_is_lost() ->
     assert answer.sigma_max >= abs(x[0])
 
 
-def test_features_paths_and_maps_stay_within_it() -> None:
-    place = {"workpiece": {"x": "0 m", "y": "0 m"}}
-    features = [{"name": f"f{k}", "position": [f"{x} m", "0.65 m", "0 m"]} for k, x in enumerate((1.2, 1.3))]
-    several = po.select_posture(problem(position=None, features=features, **place))
-    points = [["1.2 m", "0.6 m", "0 m"], ["1.3 m", "0.65 m", "0 m"]]
-    path = problem(kind="trace", position=None, points=points)
-    along = po.select_posture(path)
-    grid = po.map_targets(problem(), counts=(2, 2), low=(1.2, 0.6, 0.0), high=(1.3, 0.7, 0.0), compiled=False)
-    for q in (several.postures, along.postures, grid.postures):
-        assert np.all((np.degrees(q[:, 0]) >= LOW - 1e-9) & (np.degrees(q[:, 0]) <= HIGH + 1e-9))
-    assert "selection.beyond-range-left-out" in said(grid)
-
-
-def test_compensation_corrects_within_and_counts_beyond() -> None:
-    q = np.radians([[10.0, 70.0], [150.0, 70.0]])
-    table = {f"joint{k + 1} [rad]": q[:, k] for k in range(2)}
-    found = po.compensate(problem(), table)
-    assert tool(found.q[0], error(found.q[0, 0])) == pytest.approx(tool(q[0]), abs=1e-6)
-    assert found.q[1] == pytest.approx(q[1], abs=1e-6)
-    lever = np.linalg.norm(tool(q[1]))
-    assert found.left[1] == pytest.approx(np.hypot(AMPLITUDE / np.sqrt(2) * lever, 5e-5), rel=0.01)
-    assert np.degrees(said(found)["selection.beyond-measured"].values["value"].value) == pytest.approx(150)  # type: ignore[union-attr]
-
-
 def test_a_diagnosis_writes_down_what_it_measured(tmp_path: Any) -> None:
     rng = np.random.default_rng(8)
     q = np.column_stack([np.radians(rng.uniform(LOW, HIGH, 90)), rng.uniform(-2.5, 2.5, 90)])
@@ -135,16 +110,3 @@ def test_a_diagnosis_writes_down_what_it_measured(tmp_path: Any) -> None:
     (known,) = po.load_problem(tmp_path / "extended.yaml").arm.measured_ranges
     assert known.effect.kind == "cyclic_error"
     assert np.degrees([known.low, known.high]) == pytest.approx(np.degrees([q[:, 0].min(), q[:, 0].max()]), abs=0.01)
-
-
-def test_beyond_its_range_a_joint_stays_in_the_turn_that_was_measured() -> None:
-    """A whole turn away the tool is at the same place, and the joint farther from all that is known."""
-    first, second = problem().arm.in_measured_turn().robot.joints
-    assert np.degrees([first.lower, first.upper]) == pytest.approx([-180, 180])
-    shifted = problem(measured=(-200.0, -20.0)).arm.in_measured_turn().robot.joints[0]
-    assert np.degrees([shifted.lower, shifted.upper]) == pytest.approx([-270, 90])
-    assert np.degrees([second.lower, second.upper]) == pytest.approx([-270, 270])  # nothing of it was measured
-    near_the_end = problem(measured=(150.0, 260.0)).arm.in_measured_turn().robot.joints[0]
-    assert np.degrees([near_the_end.lower, near_the_end.upper]) == pytest.approx([-90, 270])
-    answer = po.select_posture(problem(position=["-1.2 m", "-0.6 m", "0 m"]))
-    assert -180 <= np.degrees(answer.q[0]) <= 180

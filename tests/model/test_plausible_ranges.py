@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.model.effects import EFFECTS, Effect, FittedSizes
-from posture_opt.model.effects.base.multiples import rotating_parts
+from posture_opt.model.effects import EFFECTS, Effect
+from posture_opt.model.effects.base.multiples import harmonic_order, resolution, rotating_parts
 from posture_opt.model.effects.base.plausible_range import CATALOGUE, PlausibleRange, least_stiffness
-from posture_opt.model.effects.joint_compliance import JointCompliance
-from posture_opt.model.effects.joint_coupling import JointCoupling
+from posture_opt.model.effects.cyclic_error import CyclicError
 from tests.helpers.effect_cases import SHAPES, instances
 
 
@@ -38,33 +37,6 @@ def test_catalogue_gears_twist_by_some_milliradians_under_their_rated_torque() -
     assert np.all(np.diff(rated) > 0)
     assert np.all(np.diff(stiffness) > 0)
     assert np.all(rated / stiffness < 2.7e-3)
-
-
-@pytest.mark.parametrize(("stiffness", "plausible"), [(44.0, False), (4400.0, True), (2e4, True)])
-def test_a_wrist_a_hundred_times_too_soft_is_told(stiffness: float, plausible: bool) -> None:
-    """The wrist that was seen on an ABB IRB 120."""
-    robot = po.problem_from_dict({"robot": {"kind": "preset", "name": "irb120"}}).robot
-    effect = JointCompliance(joint=robot.joint_names[4])
-    estimate = FittedSizes({"compliance": (1 / stiffness, 0.05 / stiffness, "rad/(N*m)")})
-    known = effect.plausible(robot)
-    assert known is not None
-    assert known.holds(*effect.plausible_size(estimate)) is plausible
-    assert "softer" in known.would_need(1 / stiffness)
-
-
-def test_couplings_are_of_neighbours_and_of_the_wrist() -> None:
-    robot = po.problem_from_dict({"robot": {"kind": "preset", "name": "ur10"}}).robot
-    names = robot.joint_names
-    found = {
-        (a, b)
-        for a in range(6)
-        for b in range(6)
-        if a != b and JointCoupling(joint=names[b], follows=names[a]).plausible(robot) is None
-    }
-    assert found == {(a, b) for a in range(6) for b in range(6) if abs(a - b) == 1 or {a, b} == {3, 5}}
-    far = JointCoupling(joint="wrist_1", follows="shoulder_pan").plausible(robot)
-    assert far is not None
-    assert "shoulder_lift and elbow" in far.would_need(1e-3)
 
 
 @pytest.mark.parametrize(
@@ -102,3 +74,44 @@ def test_every_range_has_a_source_and_says_what_it_takes(cls: type[Effect], site
             assert known.needs
             assert known.to_json()["unit"]
             assert effect.title in effect.looks_like
+
+
+# --- Several lines of one joint as one error: the largest leads, and multiples are harmonics only where that is sure --
+
+
+def lines(*cycles: float) -> list[CyclicError]:
+    return [CyclicError(joint="elbow", cycles=k) for k in cycles]
+
+
+def test_harmonics_are_told_from_lines_that_only_come_near() -> None:
+    """Frequencies that scatter as least squares has them: Monte Carlo with a fit of its own on 400 values."""
+    rng = np.random.default_rng(0)
+    q, noise, amplitudes, cycles = np.linspace(-2, 2, 400), 1e-4, (4e-4, 2e-4), np.array([20.0, 40.0])
+
+    def wave(k: np.ndarray) -> np.ndarray:
+        return np.stack([f(c * q) for c in k for f in (np.sin, np.cos)], axis=1)
+
+    met = 0
+    drawn = 200
+    for _ in range(drawn):
+        y = wave(cycles) @ [amplitudes[0], 0, amplitudes[1], 0] + rng.normal(0, noise, len(q))
+        k = cycles.copy()
+        for _ in range(3):
+            A = wave(k)
+            theta = np.linalg.lstsq(A, y, rcond=None)[0]
+            slopes = [q * (A[:, 2 * i + 1] * theta[2 * i] - A[:, 2 * i] * theta[2 * i + 1]) for i in (0, 1)]
+            k = k + np.linalg.lstsq(np.column_stack([A, *slopes]), y - A @ theta, rcond=None)[0][4:]
+        std = noise * np.sqrt(2 / len(q))
+        found = [(float(np.hypot(*theta[2 * i : 2 * i + 2])), std) for i in (0, 1)]
+        met += harmonic_order(k, found, 1, 4.0) == 2
+    # Two standard errors hold 95.4 %; three of the count beyond that.
+    assert abs(met / drawn - 0.954) < 3 * np.sqrt(0.954 * 0.046 / drawn)
+
+
+def test_values_in_clumps_tell_less_apart_than_their_range_says() -> None:
+    """Even values have the window |sin(Δ w / 2) / (Δ w / 2)|, one half at Δ w = 3.79; two clumps |cos(Δ w / 2)|."""
+    even = np.linspace(0.0, 2.0, 400)
+    assert resolution(even) == pytest.approx(3.79 / 2.0, abs=0.05)
+    clumps = np.where(even < 1.0, 0.0, 2.0)
+    assert resolution(clumps) > 2 * np.pi / 2.0
+    assert resolution(np.zeros(5)) == 0.0

@@ -30,40 +30,10 @@ task:
     - {kind: near_posture, posture: {joint7: 0}, at_most: 10 deg}
 """,
     ),
-    "one bad effect, others and uncertainty judged": (
-        4,
-        """robot: {kind: preset, name: planar_2r}
-uncertainty:
-  sigma: {joint1.tehta: 1 deg, joint2.a: 1}
-effects:
-  - {kind: backlsh, joint: joint1, estimate: {width: 1 mrad}}
-  - {kind: backlash, joint: elbow, estimate: {width: 1 mrad}}
-task: {kind: insert, position: [1 m, 0, 0]}
-""",
-    ),
-    "uncertainty misspelt, weights, effects": (
-        4,
-        """robot: {kind: preset, name: planar_2r}
-uncertainty:
-  sigm: {joint1.theta: 1 deg}
-  repeatability: 0.05
-  weights: {joint4: 2}
-effects:
-  - {kind: joint_scale, joint: joint4, estimate: {scale: 1e-4}}
-""",
-    ),
     "misspelt keys within misspelt keys": (
         5,
         """robt: {kind: preset, nmae: planar_2r, tol: {xzy: [0 m, 0 m, 0 m]}}
 task: {kind: insert, positon: [1 m, 0 m, 0 m]}
-""",
-    ),
-    "data and path": (
-        3,
-        """robot: {kind: preset, name: planar_2r}
-data:
-  columns: {xx: Pos X, joint3: A3}
-task: {kind: trace, path: nothing.csv}
 """,
     ),
     "cell and task": (
@@ -93,15 +63,6 @@ def test_all_mistakes_of_a_file_are_told_at_once(case: str, tmp_path: Path) -> N
     assert len(caught.value.issues) == count, str(caught.value)
     assert all(issue.file == str(file) and issue.line and issue.key for issue in caught.value.issues)
     assert len({issue.key for issue in caught.value.issues}) == count
-
-
-def test_the_numbers_of_effects_are_those_of_the_file(tmp_path: Path) -> None:
-    """The first one cannot be read, and the complaint about the second one still names it so."""
-    file = tmp_path / "wrong.yaml"
-    file.write_text(FILES["one bad effect, others and uncertainty judged"][1], encoding="utf-8")
-    with pytest.raises(po.errors.InputError) as caught:
-        po.load_problem(file)
-    assert [issue.key for issue in caught.value.issues][2:] == [("effects", 0, "kind"), ("effects", 1)]
 
 
 def test_nothing_is_blamed_for_what_another_section_lacks() -> None:

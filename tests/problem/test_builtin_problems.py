@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import replace
 from functools import cache
 
@@ -11,20 +10,17 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.files import problems_folder
-from posture_opt.problem.load import builtin_problem
 from posture_opt.problem.parts import parse_spec
 from posture_opt.selection.tasks import TASKS
 from tests.helpers import factors
 from tests.helpers.pin import PinArm
 from tests.helpers.planar_2r import SOURCES, exact, position, postures_at
-from tests.helpers.shipped import shipped_tasks
+from tests.helpers.shipped import PROBLEMS, shipped_tasks
 from tests.helpers.variants import conformance
 from tests.hidden.arms import ARMS
 from tests.hidden.designs import Session
 from tests.hidden.effects import Site
 
-EVERY = sorted(problems_folder().glob("*.yaml"))
 # Paths: tests/selection/test_paths.py, features: tests/selection/test_features.py.
 FILES = [path for path, task in shipped_tasks().items() if not task.on_path and not task.features]
 PLANAR = [path for path in FILES if "planar_2r" in path.stem or path.stem.startswith("lecture_")]
@@ -54,7 +50,7 @@ def solved(path):
 def tool_pose(path, robot, q):
     """(4, 4) by a chain product in NumPy, or by Pinocchio where there is a URDF."""
     if path.stem == "insert_urdf_arm":
-        arm = PinArm(problems_folder() / "bench_arm.urdf")
+        arm = PinArm(PROBLEMS / "bench_arm.urdf")
         return arm.pose(dict(zip(robot.joint_names, q, strict=True)), "base_link", "peg_tip")
     return factors.pose(*as_it_stands(path, robot, q))
 
@@ -203,7 +199,7 @@ def test_nothing_on_a_fine_grid_beats_the_planar_answer(path):
 
 
 def test_calibrated_covariance_is_that_of_the_stated_measurements():
-    Sigma = planar_covariance(po.load_problem(problems_folder() / "insert_planar_2r_calibrated.yaml"))
+    Sigma = planar_covariance(po.load_problem(PROBLEMS / "insert_planar_2r_calibrated.yaml"))
     information = np.zeros((4, 4))
     for t1 in np.radians([-60, 0, 60]):
         for t12 in t1 + np.radians([30, 70, 110, 150]):
@@ -212,34 +208,6 @@ def test_calibrated_covariance_is_that_of_the_stated_measurements():
             information += J.T @ J / 0.5e-3**2
     # written with ten digits
     np.testing.assert_allclose(Sigma @ information, np.eye(4), atol=1e-7)
-
-
-@pytest.mark.parametrize("task", KINDS)
-def test_every_task_has_a_built_in_problem_of_its_own(task):
-    assert (problems_folder() / f"{task}_planar_2r.yaml").is_file()
-    problem = builtin_problem(task)
-    assert problem.task.kind == task
-    assert not problem.notes, "nothing in it was overridden"
-
-
-@named(EVERY, EVERY)
-def test_every_file_says_how_it_is_called(path):
-    text = path.read_text(encoding="utf-8")
-    assert text.startswith("#")
-    calls = re.findall(r"#   optimize-posture (.+)", text)
-    assert calls
-    for call in calls:
-        assert "--task" in call or f"--problem problems/{path.name}" in call
-
-
-def test_effects_of_the_extended_arm_matter():
-    """Without its effects the arm would be sent half a millimetre aside of its hole."""
-    path = problems_folder() / "insert_ur10_extended.yaml"
-    problem = po.load_problem(path)
-    plain = replace(problem, arm=po.Arm(problem.robot), effects=())
-    solution = po.PostureSelector(plain, compiled=False).solve()
-    miss = tool_pose(path, problem.robot, solution.q)[:2, 3] - problem.task.position[:2]
-    assert 0.2e-3 < np.hypot(*miss) < 2e-3
 
 
 @pytest.mark.parametrize("stem", ["ur10", "ur5e", "irb120", "iiwa14"])

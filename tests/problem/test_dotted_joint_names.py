@@ -12,14 +12,12 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.files import problems_folder
-from posture_opt.robot import UrdfRobot
 from posture_opt.uncertainty.spread.spread_function import covariance_c
-from tests.helpers.urdfs import urdf_text
+from tests.helpers.shipped import PROBLEMS
 from tests.helpers.variants import conformance
 
 DOTTED = {"joint1": "arm.joint_1", "joint2": "base.j.2"}  # the second one begins like a parameter of the base
-PROBLEM = problems_folder() / "insert_planar_2r_measured.yaml"
+PROBLEM = PROBLEMS / "insert_planar_2r_measured.yaml"
 
 
 def renamed(text: str, names: dict[str, str]) -> str:
@@ -32,7 +30,7 @@ def loaded(folder: Path, names: dict[str, str], more: str = "") -> Any:
 
 
 def measured(folder: Path, problem: Any, names: dict[str, str], file: str = "planar_2r_measured.csv") -> Any:
-    (folder / "data.csv").write_text(renamed((problems_folder() / file).read_text(), names))
+    (folder / "data.csv").write_text(renamed((PROBLEMS / file).read_text(), names))
     return po.read_measurements(folder / "data.csv", problem)
 
 
@@ -84,39 +82,3 @@ def test_covariances_name_parameters_of_dotted_joints(tmp_path: Path, text: str)
     sources = po.load_problem(tmp_path / "p.yaml").sources
     assert sources.names == ("arm.joint_1.theta", "base.j.2.theta")
     np.testing.assert_allclose(sources.covariance, np.radians(1) ** 2 * np.array([[1, 0.5], [0.5, 1]]), rtol=1e-12)
-
-
-def test_effects_and_approach_of_a_dotted_joint(tmp_path: Path) -> None:
-    backlash = "effects: [{kind: backlash, joint: joint2, estimate: {width: 1 mrad}}]\n"
-    postures = []
-    for names in ({name: name for name in DOTTED}, DOTTED):
-        folder = tmp_path / names["joint1"]
-        folder.mkdir()
-        problem = loaded(folder, names, backlash).with_task(approach={names["joint2"]: 1})
-        postures.append(list(po.select_posture(problem).posture.values()))
-    assert postures[0] == postures[1]
-
-
-def test_a_joint_named_as_another_with_its_parameter_keeps_its_own(tmp_path: Path) -> None:
-    rows = [(name, (0, 0, 0.1), (0, 0, 0), (0, 1, 0), None) for name in ("arm", "arm.theta")]
-    (tmp_path / "arm.urdf").write_text(urdf_text(rows))
-    robot = UrdfRobot(file="arm.urdf").build(tmp_path)
-    assert robot.joint_names == ("arm", "arm.theta")
-    assert robot.parameters["arm.theta"].joint == 0
-    assert robot.parameters["arm.theta.theta"].joint == 1
-
-
-def test_a_name_that_lacks_its_parameter_is_still_refused(tmp_path: Path) -> None:
-    with pytest.raises(po.errors.InputError, match=re.escape("did you mean 'arm.joint_1.theta'")):
-        po.problem_from_dict({
-            "robot": {"kind": "dh", "joints": [{"name": "arm.joint_1", "type": "revolute", "a": "1 m"}]},
-            "uncertainty": {"sigma": {"arm.joint_1.thet": "1 deg"}},
-        })  # fmt: skip
-
-
-def test_a_side_column_and_a_joint_must_not_share_a_name(tmp_path: Path) -> None:
-    joints = [{"name": name, "type": "revolute", "a": "1 m"} for name in ("a", "a.approach")]
-    problem = po.problem_from_dict({"robot": {"kind": "dh", "joints": joints}})
-    (tmp_path / "data.csv").write_text("a [deg], a.approach [deg], x [mm], y [mm]\n1, 2, 3, 4\n")
-    with pytest.raises(po.errors.InputError, match="a joint has the name of a column"):
-        po.read_measurements(tmp_path / "data.csv", problem)

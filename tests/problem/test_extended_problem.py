@@ -19,7 +19,9 @@ import yaml
 import posture_opt as po
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
 from posture_opt.uncertainty.sources.uncertainty_section import covariance_text
+from tests.helpers import measured_ur10 as arm
 from tests.helpers.command_line import invoke
+from tests.helpers.shipped import PROBLEMS
 from tests.hidden.arms import ARMS
 from tests.hidden.designs import Plan, Session, draw_session
 from tests.hidden.draw import geometry
@@ -195,73 +197,6 @@ def test_effects_of_one_joint_share_its_side(tmp_path: Path) -> None:
     assert np.trace(more) == pytest.approx((3e-4**2 - 1.5e-4**2) * radius**2, rel=1e-3)
 
 
-def test_shares_of_the_budget_sum_to_one_and_name_the_side(uncertain: dict[str, po.Problem]) -> None:
-    for problem in uncertain.values():
-        for shares in po.propagate(problem, POSTURE).axis_budgets:
-            assert sum(share.share for share in shares) == pytest.approx(1.0, abs=1e-12)
-            assert {share.parameter for share in shares} >= set(KNOWN)
-    budgets = po.propagate(uncertain["unknown"], POSTURE).axis_budgets
-    assert max(share.share for shares in budgets for share in shares if share.parameter == "joint1.side") > 0.1
-    # Against differences of the covariance: half the change by a change of one σ, correlations as they are.
-    problem, step = uncertain["stated"], 1e-4
-    tool_point = ToolPoint.of(problem.arm, problem.sources)
-    spread = po.propagate(problem, POSTURE)
-    axis = spread.axes[-1]
-
-    def variance(name: str, factor: float) -> float:
-        scale = np.array([factor if n == name else 1.0 for n in problem.sources.names])
-        sources = SimpleNamespace(
-            names=problem.sources.names, covariance=problem.sources.covariance * np.outer(scale, scale)
-        )
-        return float(axis @ np.asarray(ToolPoint.of(problem.arm, sources).moments(POSTURE).covariance) @ axis)
-
-    assert tool_point.linear is not None
-    for share in spread.budget:
-        if share.parameter.endswith(".side"):
-            continue
-        change = (variance(share.parameter, np.exp(step)) - variance(share.parameter, np.exp(-step))) / (4 * step)
-        assert share.share == pytest.approx(change / float(axis @ spread.covariance @ axis), abs=1e-6)
-
-
-def test_a_planar_arm_keeps_its_plane(tmp_path: Path) -> None:
-    """Correlated geometry of a planar arm has a closed form, which effects join."""
-    S = correlated()
-    names = [
-        n for n in KNOWN if n not in ("joint3.a", "gear_eccentricity(joint3).sin", "gear_eccentricity(joint3).cos")
-    ]
-    kept = [list(KNOWN).index(name) for name in names]
-    S = S[np.ix_(kept, kept)]
-    (tmp_path / "known.csv").write_text(covariance_text(names, S, [UNITS[k] for k in kept]))
-    data = file_of(ARMS["planar"]())
-    data["uncertainty"] = {"covariance": "known.csv"}
-    data["effects"] = [
-        {"kind": "joint_compliance", "joint": "joint2", "estimate": {"compliance": "9e-6 rad/(N m)"}},
-        {"kind": "backlash", "joint": "joint1", "estimate": {"width": "0.3 mrad"}},
-        {"kind": "thermal_growth", "estimate": {"expansion": "1.5e-5 /K"}},
-    ]
-    data["task"] = {"kind": "insert", "direction": [0, -1, 0], "payload": "8 kg", "temperature": "30 degC",
-                    "approach": {"joint1": -1}}  # fmt: skip
-    problem = po.problem_from_dict(data, tmp_path)
-    q, n, rng = np.array([0.5, 0.8]), 50_000, np.random.default_rng(2)
-    spread = po.propagate(problem, q)
-    assert spread.method == "exact, planar"
-    assert len(spread.ellipse.semi_axes) == 2
-    draws = dict(zip(names, rng.multivariate_normal(np.zeros(len(S)), S, n, method="eigh").T, strict=True))
-    arm, session = ARMS["planar"](), alike(q, n, payload=8.0, side=np.array([-1.0, -1.0]), warm=30.0)
-    effects: Any = (
-        Effect("joint_compliance", "joint2", {"c": 9e-6 + draws["joint_compliance(joint2).compliance"]}),
-        Effect("backlash", "joint1", {"b": 3e-4 + draws["backlash(joint1).width"]}),
-        Effect("thermal_growth", "all", {"alpha": 1.5e-5 + draws["thermal_growth(all).expansion"]}),
-    )
-    points = measured(Site(arm, session, {k: draws[k] for k in ("joint1.theta", "joint2.theta")}), effects)
-    sigma = np.sqrt(np.diag(spread.covariance)[:2])
-    C = np.cov(points[:, :2].T)
-    np.testing.assert_allclose(
-        C / np.outer(sigma, sigma), spread.covariance[:2, :2] / np.outer(sigma, sigma), atol=0.03
-    )
-    assert np.all(np.abs(points.mean(axis=0) - spread.position - spread.bias)[:2] < 5 * sigma / np.sqrt(n) + 1e-7)
-
-
 # --- the true arm
 
 
@@ -350,37 +285,6 @@ def test_predictions_hold_all_over_the_workspace(world: World) -> None:
     assert np.mean(distances) < 6.0
 
 
-@pytest.mark.conformance
-def test_inputs_of_the_task_change_the_answer(world: World) -> None:
-    q = np.array(solved(world.extended).q)
-    here = po.propagate(world.extended, q).position
-    for change, step in (
-        ({"payload": "0 kg"}, {"payload": 0.0}),
-        ({"approach": {"joint1": -1}}, {"side": -1}),
-        ({"temperature": "15 degC"}, {"warm": 15.0}),
-    ):
-        other = world.extended.with_task(**change)
-        moved = po.propagate(other, q).position - here
-        true = world.lands(q, **step) - world.lands(q)
-        assert np.linalg.norm(true) > 1e-4
-        # As far as the sizes of the effects are known: a tenth.
-        np.testing.assert_allclose(moved, true, atol=0.15 * float(np.linalg.norm(true)))
-        if "payload" in change:
-            assert np.abs(np.array(solved(other).q) - q).max() > 1e-5
-
-
-def test_a_task_without_a_side_says_so(world: World) -> None:
-    assert not any("not known" in note for note in world.extended.notes)
-    unsaid = world.extended.with_task(approach={})
-    assert any("from which side joint1" in note for note in unsaid.notes)
-    said = unsaid.with_task(approach={"joint1": 1})
-    assert not any("from which side" in note for note in said.notes)
-    assert said.effects == world.extended.effects
-    assert said.with_task("measure").arm.effects == world.extended.effects
-    with pytest.raises(po.errors.InputError, match="no such joint"):
-        world.extended.with_task(approach={"elbow": 1})
-
-
 def test_the_same_data_find_nothing_in_the_extended_arm(world: World) -> None:
     data = po.read_measurements(world.folder / "data.csv", world.extended)
     again = po.diagnose(world.extended, data, flips=99)
@@ -398,25 +302,6 @@ def test_the_same_data_find_nothing_in_the_extended_arm(world: World) -> None:
     assert 0.3 < ratio < 2.5  # directions that move what was measured hardly at all may be told anew
 
 
-@pytest.mark.long
-def test_an_effect_that_grew_is_found_on_top_of_the_known_one(world: World) -> None:
-    """The backlash doubled since: the difference is found, and adds to what the file says."""
-    rng = np.random.default_rng(9)
-    plan = Plan(rows=90, repeated=0, payloads=(0.0, 5.0, 10.0), sides=True, logged=True)
-    session = draw_session(rng, world.arm, plan)
-    worn = (TRUTH[0], Effect("backlash", "joint1", {"b": 8e-4}), TRUTH[2])
-    points = measured(Site(world.arm, session, world.deviations), worn) + rng.normal(0, NOISE, (len(session), 3))
-    write_csv(world.folder / "worn.csv", world.arm, session, points)
-    data = po.read_measurements(world.folder / "worn.csv", world.extended)
-    found = po.diagnose(world.extended, data, flips=99)
-    assert [(f.kind, f.target) for f in found.effects if f.effect is not None] == [("backlash", "joint1")]
-    corrected = po.extended_problem(world.extended, found)
-    (width,) = next(e.values for e in corrected.effects if e.kind == "backlash")
-    assert width == pytest.approx(8e-4, abs=8e-5)
-    assert len(corrected.effects) == 3
-    assert corrected.sources.names.count("backlash(joint1).width") == 1
-
-
 def test_a_calibration_takes_the_effects_of_the_file_as_known(world: World) -> None:
     data = po.read_measurements(world.folder / "data.csv", world.problem)
     plain = world.found.calibration.calibrated.rms
@@ -431,22 +316,6 @@ def test_a_calibration_takes_the_effects_of_the_file_as_known(world: World) -> N
     assert [e.name for e in again.effects] == [e.name for e in known.effects]
     q = solved(again).q
     assert np.hypot(*(world.lands(q) - np.array(TARGET))[:2]) < 0.06e-3
-
-
-def test_commands_take_the_extended_file(world: World, tmp_path: Path) -> None:
-    file = str(world.folder / "extended.yaml")
-    posture = ", ".join(f"{v:.6f} rad" for v in solved(world.extended).q)
-
-    def run(*words: str) -> Any:
-        result = invoke(*words, "--problem", file, "--json")
-        assert result.exit_code == 0, result.output
-        return json.loads(result.stdout)
-
-    spread = run("uncertainty", "--posture", posture)
-    expected = po.propagate(world.extended, [float(v.split()[0]) for v in posture.split(",")])
-    np.testing.assert_allclose(spread["covariance"], expected.covariance, rtol=1e-12)
-    cloud = run("simulate", "--posture", posture, "--samples", "20000", "--seed", "1")
-    np.testing.assert_allclose(cloud["tool"]["position"], spread["tool"]["position"], atol=1e-12)
 
 
 def test_effects_may_have_covariances_of_their_own(tmp_path: Path) -> None:
@@ -475,3 +344,50 @@ def test_effects_may_have_covariances_of_their_own(tmp_path: Path) -> None:
     with pytest.raises(po.errors.InputError, match="no such file") as caught:
         po.problem_from_dict(data, tmp_path)
     assert caught.value.issues[0].key == ("effects", 1, "covariance")
+
+
+# --- What an extended.yaml is good for beyond one posture: maps of it, and the next measurements, against the true
+# arm
+
+LOAD_MAP, SIDE_MAP = 5.0, 1.0  # kg and side of shoulder_pan, as the task states them
+GRID = ["--grid", "3x2", "--min", "0.5 m, 0.1 m, 0.1 m", "--max", "0.8 m, 0.3 m, 0.1 m"]
+SURE = 3.5  # σ: exceeded by one of a hundred sets of a dozen numbers
+
+
+def run(*words: object) -> dict[str, Any]:
+    result = invoke(*words, "--json")
+    assert result.exit_code == 0, result.output
+    return json.loads(result.stdout)
+
+
+@pytest.fixture(scope="module")
+def extended(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("extended") / "out"
+    data = PROBLEMS / "ur10_measured.csv"
+    run("diagnose", data, "--problem", "insert_ur10_measured", "--no-plan", "--no-plots", "--out", out)
+    return out / "extended.yaml"
+
+
+def landed(target: dict[str, Any]) -> np.ndarray:
+    """(3,) where the true arm comes to lie in the posture of a target, off that target [m]."""
+    q = np.array(list(target["posture"].values()))
+    return arm.reached(q, LOAD_MAP, SIDE_MAP) - target["position"]
+
+
+@pytest.mark.conformance
+def test_the_true_arm_hits_every_target_of_the_map(extended: Path) -> None:
+    found = run("map", "--problem", extended, *GRID)
+    assert len(found["targets"]) == 6
+    for target in found["targets"]:
+        across = landed(target)[:2]
+        assert np.linalg.norm(across) < SURE * target["sigma_max"] < 0.06e-3
+
+
+@pytest.mark.conformance
+def test_the_map_of_accuracy_tells_where_the_arm_lands_without_its_effects(extended: Path) -> None:
+    found = run("map", "--problem", extended, "--quantity", "accuracy", *GRID)
+    assert found["effects"] == 2
+    for target in found["targets"]:
+        off = landed(target)
+        assert np.linalg.norm(off - target["bias"]) < SURE / 2 * target["radius95"]
+        assert np.linalg.norm(off) > 0.3e-3  # so that there is something to tell

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import json
-import math
-
 import numpy as np
 import pytest
 
 import posture_opt as po
-from tests.helpers.command_line import invoke
 from tests.helpers.same_problem import written
 
 PROBLEM = "robot: {kind: preset, name: panda}\ntask:\n  kind: trace\n  path: seam.csv\n"
@@ -27,13 +23,6 @@ def test_lengths_are_read_in_their_own_units_and_axes_beside_them(tmp_path):
     np.testing.assert_allclose(task.points, [(0.5, 0.01, 0.2), (0.51, 0.02, 0.3)])
     assert task.axes == ((0, 0, -2), (0.5, 0.5, -1))
     assert task.axis_request == "aligned"
-
-
-def test_planar_paths_leave_out_z(tmp_path):
-    task = loaded(tmp_path, "x [mm], y [mm]\n500, 0\n600, 0\n").task
-    assert task.points == ((0.5, 0, 0), (0.6, 0, 0))
-    assert task.axes is None
-    assert task.axis_request == "free"
 
 
 @pytest.mark.parametrize(
@@ -85,24 +74,3 @@ def test_the_file_travels_with_the_problem(tmp_path):
     problem = loaded(tmp_path, "x [mm], y [mm]\n500, 0\n600, 0\n")
     assert written(problem, tmp_path).task.points == problem.task.points
     assert problem.files("other")["other_path.csv"] == (tmp_path / "seam.csv").read_bytes()
-
-
-def test_another_kind_of_task_forgets_the_path(tmp_path):
-    problem = loaded(tmp_path, "x [mm], y [mm]\n500, 0\n600, 0\n")
-    assert problem.with_task("insert").task.kind == "insert"
-    assert problem.with_task("weld").task.points == problem.task.points
-    assert not problem.with_task(position=["0.5 m", "0 m", "0.2 m"]).task.on_path
-
-
-def test_postures_are_written_to_a_table(tmp_path):
-    out = tmp_path / "out"
-    assert invoke("--task", "dispense", "--out", out, "--no-plots", "--quiet").exit_code == 0
-    document = json.loads((out / "solution.json").read_text(encoding="utf-8"))
-    head, *rows = (out / "postures.csv").read_text(encoding="utf-8").splitlines()
-    assert head.split(", ")[:4] == ["x [mm]", "y [mm]", "z [mm]", "listed"]
-    listed = [row.split(", ") for row in rows if row.split(", ")[3] == "1"]
-    assert len(listed) == len(document["path"]) == 3
-    assert len(rows) > 3
-    for row, point in zip(listed, document["path"], strict=True):
-        joints = [math.radians(float(value)) for value in row[5:]]
-        assert joints == pytest.approx(list(point["posture"].values()), abs=1e-7)

@@ -5,16 +5,17 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import yaml
 
 import posture_opt as po
-from posture_opt.files import builtin_names, problems_folder
 from posture_opt.problem.parts import parse_spec
-from posture_opt.problem.schema import json_schema
-from posture_opt.problem.yaml_source import ProblemDocument, dump_yaml, parse_yaml
+from posture_opt.problem.yaml_source import ProblemDocument, dump_yaml, edited, parse_yaml
+from tests.helpers.command_line import invoke
+from tests.helpers.shipped import PROBLEMS, builtin_names, json_schema
 
 DEG = math.pi / 180
 
@@ -96,42 +97,6 @@ def test_plain_data_agree_with_pyyaml() -> None:
     assert parse_yaml(text).data == yaml.safe_load(text)
 
 
-def test_arrays_and_tuples_serve_as_lists() -> None:
-    data = {**PLANAR, "task": {"kind": "insert", "direction": np.array([0.0, -1.0, 0.0]), "position": ("1 m",) * 3}}
-    task = po.problem_from_dict(data).task
-    assert task is not None
-    assert task.direction == (0.0, -1.0, 0.0)
-    assert task.position == (1.0, 1.0, 1.0)
-
-
-def test_with_task_keeps_what_fits_and_says_so() -> None:
-    problem = po.problem_from_dict(PLANAR)
-    drill = problem.with_task("drill")
-    assert drill.task is not None
-    assert (drill.task.kind, drill.task.direction, drill.task.clearance) == ("drill", (0.0, -1.0, 0.0), 2e-4)
-    assert drill.notes == ("the task 'insert' of the file is overridden by 'drill'",)
-    assert drill.to_dict()["task"]["kind"] == "drill"
-    assert problem.to_dict() == PLANAR, "the first problem is left as it was"
-    assert problem.with_task("insert").notes == ()
-    with pytest.raises(po.errors.InputError, match=r"task\.kind: 'dril' is not known here – did you mean 'drill'"):
-        problem.with_task("dril")
-
-
-def test_a_target_on_the_line_replaces_the_other_kind_of_target() -> None:
-    box = {"min": ["0 m"] * 3, "max": ["1 m"] * 3}
-    problem = po.problem_from_dict(PLANAR).with_task(position=["1 m", "0 m", "0 m"]).with_task(region=box)
-    assert problem.task is not None
-    assert problem.task.position is None
-    assert problem.task.region is not None
-
-
-def test_with_robot_takes_a_section() -> None:
-    problem = po.problem_from_dict({**PLANAR, "uncertainty": {"sigma": {"joint1.theta": "1 deg"}}})
-    assert problem.with_robot({"kind": "preset", "name": "planar_2r"}).robot.name == "Planar 2R arm"
-    with pytest.raises(po.errors.InputError, match=r"robot\.name"):
-        problem.with_robot({"kind": "preset", "name": "planar_9r"})
-
-
 def test_covariance_file_in_any_order_and_mixed_units(tmp_path: Path) -> None:
     table = "name, joint1.theta [deg], joint1.a [mm]\n\njoint1.a, 0.2, 4.0\njoint1.theta, 1.0, 0.2\n"
     (tmp_path / "cov.csv").write_text(table)
@@ -148,7 +113,7 @@ def test_json_schema_serialises_and_knows_all_sections() -> None:
     assert schema["additionalProperties"] is False
 
 
-@pytest.mark.parametrize("path", sorted(problems_folder().glob("*.yaml")), ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", sorted(PROBLEMS.glob("*.yaml")), ids=lambda path: path.stem)
 def test_every_problem_file_loads_and_comes_back(path: Path) -> None:
     problem = po.load_problem(path)
     assert path.stem in builtin_names()
@@ -178,3 +143,99 @@ def test_scatter_far_off_the_data_sheet_is_remarked_on(uncertainty: str, note: s
     found = [n for n in po.problem_from_dict(parse_yaml(text).data).notes if "right?" in n]
     assert len(found) == bool(note)
     assert all(note in n for n in found)
+
+
+# --- What other programs write in place of zero, −2.09e-37, is zero wherever a number is read -------------------------
+
+TINY = "-2.09e-37"
+PROBLEM = """
+robot:
+  kind: dh
+  base: {{xyz: [{0} m, 0.2 m, {0}], rpy: [{0} rad, {0} deg, 0.3 rad]}}
+  tool: {{xyz: [{0} m, 0 m, 0 m], rpy: [0 rad, {0} rad, 0 rad]}}
+  joints:
+    - {{name: "0", type: revolute, a: 1 m, alpha: {0} rad, d: {0} m, theta: {0} rad, limits: [{0} rad, 170 deg]}}
+    - {{name: joint2, type: revolute, a: 0.8 m, alpha: {0}, limits: [-170 deg, 170 deg], com: [{0} m, 0 m, 0 m]}}
+uncertainty:
+  sigma: {{"0.theta": 1 mrad, joint2.theta: 0.5 mrad, joint2.d: {0} m}}
+task:
+  kind: insert
+  direction: [{0}, -1, {0}]
+  position: [0.9 m, 0.9 m, {0} m]
+  tilt: {0} rad
+  subject_to:
+    - {{kind: near_posture, posture: {{"0": {0}}}, at_most: 100 deg}}
+"""
+URDF = """<robot name="a"><link name="base"/><link name="tip"/>
+<joint name="j" type="revolute"><parent link="base"/><child link="tip"/><origin xyz="{0} 0.1 0" rpy="0 {0} 0"/>
+<axis xyz="{0} 0 1"/><limit lower="{0}" upper="2"/></joint></robot>"""
+
+
+def test_a_file_says_what_it_says_with_zeros(tmp_path: Path) -> None:
+    (tmp_path / "tiny.yaml").write_text(PROBLEM.format(TINY))
+    (tmp_path / "zero.yaml").write_text(PROBLEM.format("0"))
+    tiny, zero = (po.load_problem(tmp_path / f"{name}.yaml") for name in ("tiny", "zero"))
+    assert tiny.robot == zero.robot
+    np.testing.assert_array_equal(tiny.sources.covariance, zero.sources.covariance)
+    assert tiny.task == zero.task
+    assert po.select_posture(tiny).sigma_max == po.select_posture(zero).sigma_max
+
+
+def test_a_urdf_says_what_it_says_with_zeros(tmp_path: Path) -> None:
+    robots = []
+    for name, text in (("tiny", TINY), ("zero", "0")):
+        (tmp_path / f"{name}.urdf").write_text(URDF.format(text))
+        robots.append(po.problem_from_dict(
+            {"robot": {"kind": "urdf", "file": f"{name}.urdf"}, "uncertainty": {"sigma": {"j.theta": "1 mrad"}}},
+            folder=tmp_path,
+        ).robot)  # fmt: skip
+    assert robots[0].factors == robots[1].factors
+    assert robots[0].lower == robots[1].lower == (0.0,)
+
+
+# --- A problem file with other values: read again it says them, and every comment is where it was ---------------------
+
+CELL = (PROBLEMS / "insert_ur10_cell.yaml").read_text(encoding="utf-8")
+
+
+def comments(text: str) -> list[str]:
+    return [line.split("#", 1)[1] for line in text.splitlines() if "#" in line]
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"task__position": ["500.0 mm", "1.0 mm", "0.0 mm"]},
+        {"task__position": ["500.0 mm", "1.0 mm", "0.0 mm"], "task__clearance": "0.1 mm"},
+        {"uncertainty__repeatability": "0.05 mm"},
+        {"uncertainty__sigma": {"elbow.theta": "1 mrad", "base.x": "1 mm"}, "task__tilt": "5 deg"},
+        {"cell__obstacles__lamp__radius": "90 mm", "cell__obstacles__post__rpy": ["1 deg", "0 deg", "0 deg"]},
+        {"cell__clearance": None, "name": "it's: #1 \N{SNOWMAN}"},
+        {"task__criterion": "trace", "solver": {"starts": 8}},
+    ],
+)
+def test_only_what_differs_is_written_anew(changes: dict[str, Any]) -> None:
+    wanted = po.load_problem("insert_ur10_cell").replace(**changes).to_dict()
+    text = edited(CELL, wanted)
+    assert text is not None
+    assert yaml.safe_load(text) == wanted
+    kept = [words for words in comments(CELL) if "of the arm to all" not in words or "cell__clearance" not in changes]
+    assert [words for words in comments(text) if words in kept] == kept
+
+
+@pytest.mark.parametrize("file", sorted(PROBLEMS.glob("*.yaml")), ids=lambda file: file.stem)
+def test_every_shipped_file_can_be_given_another_name_and_section(file: Path) -> None:
+    text = file.read_text(encoding="utf-8")
+    data = parse_yaml(text).data
+    wanted = {**data, "name": "another", "solver": {"seed": 7}}
+    found = edited(text, wanted)
+    assert found is not None
+    assert parse_yaml(found).data == wanted
+    assert "solver" in data or comments(text) == comments(found)
+
+
+def test_the_command_line_reads_it_too() -> None:
+    words = ("--task", "insert", "--json", "--position")
+    tiny, zero = (json.loads(invoke(*words, f"0.9 m, 0.9 m, {z}").stdout) for z in (f"{TINY} m", "0"))
+    assert tiny["sigma_max"] == zero["sigma_max"]
+    assert tiny["posture"] == zero["posture"]

@@ -61,26 +61,6 @@ def test_numbers_of_joints_and_parameters_take_the_unit_of_their_name() -> None:
     assert term["at_most"] == "0.5 rad"
 
 
-def test_keys_with_points_and_entries_of_lists() -> None:
-    ur10 = po.load_problem("insert_ur10")
-    changed = ur10.replace(**{"uncertainty__sigma__elbow.theta": "1 mrad"})
-    sigma = dict(zip(changed.sources.names, changed.sources.sigma, strict=True))
-    assert sigma["elbow.theta"] == pytest.approx(1e-3)
-    assert sigma["shoulder_pan.theta"] == pytest.approx(3e-4)
-    arm = po.load_problem("insert_planar_2r").replace(robot__joints__joint2__a=0.9, robot__joints__0__a="1.1 m")
-    np.testing.assert_allclose(po.propagate(arm, [0, 0]).position, [2.0, 0, 0], atol=1e-15)
-
-
-def test_another_way_to_say_where_takes_the_place_of_the_former(panda: po.Problem) -> None:
-    region = panda.replace(task__region={"min": [0.4, -0.1, 0.2], "max": [0.5, 0.1, 0.2]})
-    assert region.task is not None
-    assert region.task.position is None
-    assert region.task.clearance == pytest.approx(2e-4)
-    drill = panda.replace(task__kind="drill")
-    assert drill.task is not None
-    assert (drill.task.kind, drill.task.position) == ("drill", (0.5, 0.1, 0.2))
-
-
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -98,14 +78,6 @@ def test_another_way_to_say_where_takes_the_place_of_the_former(panda: po.Proble
 def test_what_does_not_fit_is_named_by_its_key(panda: po.Problem, changes: dict[str, Any], message: str) -> None:
     with pytest.raises(po.errors.InputError, match=message):
         panda.replace(**changes)
-
-
-def test_a_fault_that_the_file_has_keeps_its_line(tmp_path: Path) -> None:
-    """Of what was replaced the file says nothing any more; of the rest it does."""
-    problem = po.load_problem("insert_panda").replace(task__clearance=1e-4)
-    kept = problem.placed(po.errors.Issue("far", ("task", "position")))
-    gone = problem.placed(po.errors.Issue("small", ("task", "clearance")))
-    assert (kept.file.endswith("insert_panda.yaml"), kept.line > 0, gone.file) == (True, True, "")
 
 
 @pytest.mark.parametrize(

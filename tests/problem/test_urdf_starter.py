@@ -8,10 +8,7 @@ import pytest
 import yaml
 
 import posture_opt as po
-from posture_opt.files import problems_folder
 from tests.helpers.command_line import invoke
-
-BENCH = problems_folder() / "bench_arm.urdf"
 
 LINK = '<link name="{0}"/>'
 JOINT = (
@@ -58,16 +55,6 @@ def test_the_starter_of_a_urdf_solves_as_it_is(tmp_path: Path, monkeypatch: pyte
     assert problem.robot.joint_names == ("j1", "j2", "j3", "j4", "j5", "j6")
 
 
-def test_the_starter_says_which_joints_are_fingers_and_what_else_may_be_the_tip(tmp_path: Path) -> None:
-    (tmp_path / "arm.urdf").write_text(gripper_arm(), encoding="utf-8")
-    text = invoke("new", tmp_path / "arm.urdf").stdout
-    assert "\n  tip_link: hand " in text
-    assert "# joint finger2 is taken for a finger of a gripper (by its name): the chain ends before it\n" in text
-    assert "# the chain could also end at left, right: write it there, or --tip-link LINK\n" in text
-    chosen = yaml.safe_load(text)["robot"]
-    assert po.problem_from_dict({"robot": chosen}).robot.joint_names == ("j1", "j2", "j3", "j4", "j5", "j6")
-
-
 HOSTILE = "Robot: mk2 # - [x] &amp;a {&quot;it&apos;s&quot;"
 BREAKING = "mesh&#10;cell: none&#10;l2.stl"
 
@@ -79,14 +66,6 @@ def test_names_of_a_urdf_neither_break_nor_inject_yaml(tmp_path: Path) -> None:
     assert written["name"] == 'Insertion with the Robot: mk2 # - [x] &a {"it\'s"'
     assert written["robot"]["tip_link"] == "ha: nd # x"
     assert "cell" not in written
-
-
-def test_the_starter_of_the_bench_arm_names_it_by_its_whole_path(tmp_path: Path) -> None:
-    text = invoke("new", BENCH).stdout
-    file = tmp_path / "bench.yaml"
-    file.write_text(text, encoding="utf-8")
-    assert po.load_problem(file).robot.n == 6
-    assert f"file: {BENCH}" in text
 
 
 XACRO = '<robot name="a" xmlns:xacro="http://www.ros.org/wiki/xacro">{}</robot>'
@@ -111,11 +90,3 @@ def test_a_xacro_file_is_told_by_what_is_in_it_wherever_a_urdf_is_read(tmp_path:
         assert result.exit_code == 2
         assert f"this is a xacro file, not a URDF: it holds {found}" in result.stderr
         assert f"expand it first: xacro {name} > {there}" in result.stderr
-
-
-def test_a_urdf_that_keeps_the_namespace_of_xacro_is_one(tmp_path: Path) -> None:
-    file = tmp_path / "arm.urdf"
-    text = gripper_arm().replace("<robot ", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" ')
-    file.write_text(text, encoding="utf-8")
-    robot = {"kind": "urdf", "file": str(file), "tip_link": "hand"}
-    assert po.problem_from_dict({"robot": robot}).robot.n == 6

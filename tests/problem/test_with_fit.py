@@ -8,16 +8,15 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.files import problems_folder
 from posture_opt.model.effects import Backlash, JointCompliance, JointNoise
 from posture_opt.problem.fitted_problem import batch_uncertainty
-from posture_opt.problem.load import load_builtin
 from posture_opt.selection.problem_data import FittedArm
 from posture_opt.uncertainty.sources.sources import Sources
 from tests.helpers.same_problem import assert_same_numbers, written
+from tests.helpers.shipped import PROBLEMS
 from tests.helpers.variants import conformance
 
-FILES = sorted(problems_folder().glob("*.yaml"))
+FILES = sorted(PROBLEMS.glob("*.yaml"))
 ALWAYS = ("insert_planar_2r", "insert_scara_tray", "insert_ur10_extended", "insert_urdf_arm", "trace_scara")
 FRAMES = ("base.", "tool.")
 
@@ -68,40 +67,10 @@ def test_the_files_of_a_fitted_problem_are_the_problem(path: Path, frames: bool,
     np.testing.assert_allclose(theirs.covariance, mine.covariance, rtol=1e-7, atol=1e-9 * np.trace(mine.covariance))
 
 
-def test_a_second_fit_adds_to_the_first(tmp_path: Path) -> None:
-    problem = load_builtin("insert_ur10_measured")
-    once = problem.with_fit(random_fit(problem))
-    twice = once.with_fit(random_fit(once, seed=2, frames=False))
-    assert twice.name == once.name
-    backlash = next(effect for effect in twice.effects if isinstance(effect, Backlash))
-    assert backlash.values == pytest.approx([4e-4])
-    assert len(twice.effects) == len(once.effects)
-    assert_same_numbers(written(twice, tmp_path), twice)
-    other = written(once, tmp_path, "once").with_fit(random_fit(once, seed=2, frames=False))
-    assert_same_numbers(other, twice)
-
-
-def test_frames_alone_leave_all_else() -> None:
-    problem = load_builtin("insert_ur10_measured")
-    fit = FittedArm("", {f"tool.{axis}": 1e-3 for axis in "xyz"})
-    placed = problem.with_fit(fit)
-    assert (placed.name, placed.sources, placed.effects) == (problem.name, problem.sources, problem.effects)
-    assert placed.robot.base_free == problem.robot.base_free
-    assert not placed.robot.tool_free
-    assert not placed.corrections
-    assert "corrections" not in placed.to_dict()["robot"]
-
-
-def test_a_fit_of_another_robot_is_refused() -> None:
-    planar, ur10 = load_builtin("insert_planar_2r"), load_builtin("insert_ur10")
-    with pytest.raises(po.errors.InputError, match="no such parameter"):
-        planar.with_fit(random_fit(ur10))
-
-
 @pytest.fixture(scope="module")
 def measured() -> tuple[po.Problem, po.Diagnosis]:
-    problem = load_builtin("insert_ur10_measured")
-    return problem, po.diagnose(problem, po.read_measurements(problems_folder() / "ur10_measured.csv", problem))
+    problem = po.load_problem("insert_ur10_measured")
+    return problem, po.diagnose(problem, po.read_measurements(PROBLEMS / "ur10_measured.csv", problem))
 
 
 @pytest.mark.long
@@ -124,8 +93,8 @@ def test_calibrated_and_extended_arms_come_back(measured: tuple[po.Problem, po.D
 
 @pytest.mark.long
 def test_what_a_batch_taught_comes_back(tmp_path: Path) -> None:
-    problem = load_builtin("insert_planar_2r_measured")
-    data = po.read_measurements(problems_folder() / "planar_2r_batch.csv", problem)
+    problem = po.load_problem("insert_planar_2r_measured")
+    data = po.read_measurements(PROBLEMS / "planar_2r_batch.csv", problem)
     section = batch_uncertainty(problem, po.calibrate_batch(problem, data))
     taught = po.problem_from_dict({**problem.to_dict(), "uncertainty": section})
     assert_same_numbers(written(taught, tmp_path), taught)

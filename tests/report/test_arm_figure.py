@@ -9,10 +9,6 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.collision.facets import capsule_facets
-from posture_opt.numerics import Array
-from posture_opt.problem.load import load_builtin
-from posture_opt.report.page.style import WIDTH
 from posture_opt.report.scene.arm_figure import MAX_CALLOUTS, draw_arm
 from posture_opt.report.scene.arm_geometry import ArmGeometry
 from posture_opt.report.scene.arm_solids import Solid
@@ -72,7 +68,7 @@ def test_callouts_stand_beside_the_arm_and_their_lines_do_not_cross(preset: str,
     assert arm_pixels(axes, column).mean() < 0.02
 
 
-def arm_pixels(axes: Any, column: Array) -> Any:
+def arm_pixels(axes: Any, column: np.ndarray) -> Any:
     """(H, W) whether the pixels of a column [inch] are as blue as joints or orange as the region are."""
     pixels = np.asarray(axes.images[0].get_array())
     low, high = (column / axes.get_xlim()[1] * pixels.shape[1]).astype(int)
@@ -92,7 +88,7 @@ def test_the_nearest_face_is_seen_as_rays_find_it() -> None:
     np.testing.assert_allclose(layer.depth[layer.there], depth[layer.there], atol=1e-9)
 
 
-def rays(seen: Array, camera: Camera, shape: tuple[int, int]) -> tuple[Any, Array]:
+def rays(seen: np.ndarray, camera: Camera, shape: tuple[int, int]) -> tuple[Any, np.ndarray]:
     best = np.full(shape, -np.inf)
     face = np.full(shape, -1)
     for row, column in np.ndindex(*shape):
@@ -103,29 +99,3 @@ def rays(seen: Array, camera: Camera, shape: tuple[int, int]) -> tuple[Any, Arra
             if 0 <= s <= 1 and 0 <= t <= 1 and depth > best[row, column]:
                 best[row, column], face[row, column] = depth, k
     return face, best
-
-
-def test_a_ball_is_shaded_as_a_ball() -> None:
-    faces = capsule_facets(np.zeros(3), np.zeros(3), 0.1)
-    faces = faces[np.linalg.norm(np.cross(faces[:, 3] - faces[:, 1], faces[:, 2] - faces[:, 0]), axis=1) > 1e-9]
-    outward = faces / np.linalg.norm(faces, axis=-1, keepdims=True)
-    normals = Solid("ball", "link", -1, faces).normals
-    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
-    # Facets of 18 deg: their mean at a corner leans by less than half of that.
-    assert np.abs(np.sum(normals * outward, axis=-1)).min() > np.cos(np.radians(9.0))
-
-
-def test_the_frame_holds_what_it_must() -> None:
-    points = np.random.default_rng(0).normal(size=(50, 3))
-    camera = Camera.at(1.0, 0.3).framing(points, 1.6, (0.2, 0.3, 0.1, 0.05))
-    np.testing.assert_allclose(camera.axes @ camera.axes.T, np.eye(3), atol=1e-12)
-    share = camera.shares(points)
-    assert np.all(share.min(axis=0) > np.array([0.2, 0.1]) - 1e-9)
-    assert np.all(share.max(axis=0) < np.array([0.7, 0.95]) + 1e-9)
-
-
-@pytest.mark.long
-def test_the_figure_says_which_arm_it_is() -> None:
-    figure = po.propagate(load_builtin("insert_panda"), [0, -0.8, 0, -2.4, 0, 1.6, 0.8]).plot()
-    assert "Franka Emika Panda" in {text.get_text() for text in figure.axes[0].texts}
-    assert figure.get_size_inches()[0] == WIDTH

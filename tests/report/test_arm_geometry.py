@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.collision.facets import cylinder_facets, tapered_facets
-from posture_opt.files import preset_names
-from posture_opt.report.scene.arm_geometry import ArmGeometry, ErrorRegion
+from posture_opt.collision.facets import capsule_facets, cylinder_facets, tapered_facets
 from posture_opt.report.scene.arm_solids import ArmSolids
-from posture_opt.robot.preset import load_preset
+from posture_opt.robot import preset_names
+from tests.helpers.capsules import from_segment
+from tests.helpers.shipped import preset_robot
 
 
 def volume(faces: np.ndarray) -> float:
@@ -33,7 +33,7 @@ def test_a_cylinder_is_closed():
 
 @pytest.mark.parametrize("preset", preset_names())
 def test_joints_stand_on_their_axes(preset):
-    robot = load_preset(preset)
+    robot = preset_robot(preset)
     arm, q = ArmSolids(robot), np.linspace(0.3, -0.4, robot.n)
     frames = arm.frames(q)
     for k, joint in enumerate(arm.joints):
@@ -46,21 +46,45 @@ def test_joints_stand_on_their_axes(preset):
         np.testing.assert_allclose(turned, expected, atol=1e-12)
 
 
-def test_the_geometry_of_a_spread_ends_at_its_tool_point():
-    problem = po.load_problem("problems/insert_panda_cell.yaml")
-    found = ArmGeometry.of_spread(po.propagate(problem, [0.1, -0.4, 0.2, -2.0, 0.3, 1.7, 0.5]))
-    np.testing.assert_allclose(found.frames[-1][:3, 3], found.tool_point, atol=1e-9)
-    tool = found.tool_point
-    assert min(np.linalg.norm(found.points - tool, axis=1)) < 0.12  # the hand's capsules hold the tool point
-    assert {obstacle.name for obstacle in found.obstacles} <= {o.name for o in problem.scene.obstacles}
-    assert found.obstacles
+# --- Faces of capsules and obstacles: they lie on the surfaces that distances are measured from -----------------------
+
+CELL = {"obstacles": [
+    {"name": "table", "kind": "box", "size": ["1.2 m", "0.8 m", "20 mm"], "xyz": ["0.5 m", "0 m", "-30 mm"],
+     "rpy": ["0 deg", "5 deg", "30 deg"]},
+    {"name": "post", "kind": "cylinder", "radius": "60 mm", "length": "0.5 m", "xyz": ["0.3 m", "0.4 m", "0.4 m"],
+     "rpy": ["40 deg", "0 deg", "0 deg"]},
+    {"name": "lamp", "kind": "sphere", "radius": "80 mm", "xyz": ["0.5 m", "0.2 m", "0.6 m"]},
+    {"name": "ground", "kind": "half_space", "normal": [0.1, 0, 1], "offset": "-50 mm"},
+]}  # fmt: skip
 
 
-def test_the_region_is_enlarged_about_its_mean_by_the_factor_that_it_names():
-    problem = po.load_problem("problems/insert_panda_cell.yaml")
-    spread = po.propagate(problem, [0.1, -0.4, 0.2, -2.0, 0.3, 1.7, 0.5])
-    region = ErrorRegion.of(spread, 100.0)
-    points = (region.surface().reshape(-1, 3) - region.center) / 100.0
-    squared = np.einsum("ni,ij,nj->n", points, np.linalg.inv(spread.covariance), points)
-    np.testing.assert_allclose(squared, 7.814727903251179, rtol=1e-9)  # the 95 % quantile of chi-squared with 3
-    assert "100" in region.label
+def problem(cell):
+    return po.problem_from_dict({"robot": {"kind": "preset", "name": "panda"}, "cell": cell})
+
+
+def test_faces_of_a_capsule_are_on_it() -> None:
+    a, b = np.array([0.1, 0.2, 0.3]), np.array([0.4, -0.2, 0.5])
+    corners = capsule_facets(a, b, 0.07).reshape(-1, 3)
+    assert from_segment(corners, a, b) == pytest.approx(0.07)
+    assert np.ptp(corners @ (b - a)) == pytest.approx((b - a) @ (b - a) + 2 * 0.07 * np.linalg.norm(b - a))
+
+
+@pytest.mark.parametrize("k", range(4))
+def test_faces_of_an_obstacle_touch_it(k: int) -> None:
+    obstacle = problem(CELL).scene.obstacles[k]
+    low, high = np.array([-0.5, -0.5, -0.2]), np.array([1.0, 0.5, 1.0])
+    corners = obstacle.facets(low, high).reshape(-1, 3)
+    assert len(corners) > 100
+    assert np.abs(obstacle.distance(corners, corners)).max() < 1e-9
+
+
+@pytest.mark.parametrize("k", [0, 3])
+def test_flat_faces_are_on_the_surface_and_not_within(k: int) -> None:
+    """A step of 1 mm across a face leads 1 mm away from the obstacle on one side, and into it on the other."""
+    obstacle = problem(CELL).scene.obstacles[k]
+    faces = obstacle.facets(np.array([-0.5, -0.5, -0.2]), np.array([1.0, 0.5, 1.0]))
+    normals = np.cross(faces[:, 2] - faces[:, 0], faces[:, 3] - faces[:, 1])
+    step = 1e-3 * normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    sides = [obstacle.distance(p, p) for p in (faces.mean(axis=1) + step, faces.mean(axis=1) - step)]
+    np.testing.assert_allclose(np.max(sides, axis=0), 1e-3, atol=1e-9)
+    assert np.min(sides, axis=0).max() <= 0

@@ -5,13 +5,12 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import posture_opt as po
-from posture_opt.errors import NoSolutionError
 from posture_opt.report.text.screen import SCREEN
-from posture_opt.result import Result
 from tests.helpers.every_result import MADE
 from tests.helpers.source import modules_of
 from tests.helpers.variants import conformance
@@ -27,16 +26,16 @@ TOO_MANY_DECIMALS = re.compile(r"\d\.\d{7,}")  # of a nanometre, a nanoradian: r
 WORD_PARTED = re.compile(r"[a-z]-$")  # a line that ends inside a word
 
 
-def out_of_reach() -> Result:
+def out_of_reach() -> Any:
     task = {"kind": "insert", "direction": [0, -1, 0], "position": ["2.5 m", "0 m", "0 m"]}
     robot, sigma = {"kind": "preset", "name": "planar_2r"}, {"joint1.theta": "1 deg"}
-    with pytest.raises(NoSolutionError) as caught:
+    with pytest.raises(po.errors.NoSolutionError) as caught:
         po.select_posture(po.problem_from_dict({"robot": robot, "uncertainty": {"sigma": sigma}, "task": task}))
     assert caught.value.solution is not None
     return caught.value.solution
 
 
-REPORTS: dict[str, Callable[[], Result]] = {
+REPORTS: dict[str, Callable[[], Any]] = {
     **MADE,
     "six joints": lambda: po.select_posture(po.load_problem("insert_ur10")),
     "seven joints": lambda: po.select_posture(po.load_problem("insert_panda")),
@@ -70,7 +69,7 @@ def test_a_report_fits_its_screen_and_speaks_the_words_of_the_field(name: str, m
         assert found is None, text[max(found.start() - 60, 0) : found.end() + 60]
 
 
-def check(result: Result, width: int) -> None:
+def check(result: Any, width: int) -> None:
     """Whether a report fits, answers at once, and breaks no word."""
     short, full = result.report(full=False), result.report()
     lines = short.rstrip("\n").splitlines()
@@ -86,7 +85,7 @@ def check(result: Result, width: int) -> None:
         assert not parts & words, "a joint's name is broken"
 
 
-def _joints(result: Result) -> tuple[str, ...]:
+def _joints(result: Any) -> tuple[str, ...]:
     problem = getattr(result, "problem", None)
     names: tuple[str, ...] = problem.robot.joint_names if problem is not None else ()
     return tuple(name for name in names if "_" in name)

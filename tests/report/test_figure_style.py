@@ -14,11 +14,9 @@ from matplotlib.lines import Line2D
 from matplotlib.text import Text
 
 import posture_opt as po
-from posture_opt.files import problems_folder
-from posture_opt.problem.load import load_builtin
 from posture_opt.report.page.style import FONT, WIDTH
 from posture_opt.report.scene import shaded_picture
-from posture_opt.result import Result
+from tests.helpers.shipped import PROBLEMS
 from tests.helpers.variants import conformance
 
 _TELLS = 0.15  # of the way from black to white: what grey print tells apart
@@ -26,42 +24,45 @@ _SLACK = 0.03  # inch: half a line or mark beyond its axes
 
 
 def _rows(problem: Any, file: str) -> Any:
-    return po.read_measurements(problems_folder() / file, problem)
+    return po.read_measurements(PROBLEMS / file, problem)
 
 
-def _calibrated() -> Result:
-    problem = load_builtin("insert_planar_2r_measured")
+def _calibrated() -> Any:
+    problem = po.load_problem("insert_planar_2r_measured")
     return po.calibrate(problem, _rows(problem, "planar_2r_measured.csv"))
 
 
-def _diagnosed() -> Result:
-    problem = load_builtin("insert_ur10_measured")
+def _diagnosed() -> Any:
+    problem = po.load_problem("insert_ur10_measured")
     return po.diagnose(problem, _rows(problem, "ur10_measured.csv"))
 
 
-def _batch() -> Result:
-    problem = load_builtin("insert_planar_2r_measured")
+def _batch() -> Any:
+    problem = po.load_problem("insert_planar_2r_measured")
     return po.calibrate_batch(problem, _rows(problem, "planar_2r_batch.csv"))
 
 
-RESULTS: dict[str, Callable[[], Result]] = {
-    "planar": lambda: po.select_posture(load_builtin("insert_planar_2r")),
-    "in space": lambda: po.select_posture(load_builtin("insert_panda")),
-    "oblique": lambda: po.select_posture(load_builtin("drill_ur5e")),
-    "path": lambda: po.select_posture(load_builtin("trace_scara")),
-    "features": lambda: po.select_posture(load_builtin("insert_scara_tray")),
-    "spread": lambda: po.propagate(load_builtin("insert_planar_2r"), np.radians([90, -180])),
-    "cloud": lambda: po.simulate(load_builtin("insert_ur10_peg"), np.radians([0, -90, 90, -90, -90, 0]), n=500),
-    "map": lambda: po.map_targets(load_builtin("insert_planar_2r"), counts=(5, 5)),
-    "accuracy": lambda: po.map_accuracy(load_builtin("insert_planar_2r_calibrated"), counts=(4, 4)),
+RESULTS: dict[str, Callable[[], Any]] = {
+    "planar": lambda: po.select_posture(po.load_problem("insert_planar_2r")),
+    "in space": lambda: po.select_posture(po.load_problem("insert_panda")),
+    "oblique": lambda: po.select_posture(po.load_problem("drill_ur5e")),
+    "path": lambda: po.select_posture(po.load_problem("trace_scara")),
+    "features": lambda: po.select_posture(po.load_problem("insert_scara_tray")),
+    "spread": lambda: po.propagate(po.load_problem("insert_planar_2r"), np.radians([90, -180])),
+    "cloud": lambda: po.simulate(po.load_problem("insert_ur10_peg"), np.radians([0, -90, 90, -90, -90, 0]), n=500),
+    "map": lambda: po.map_targets(po.load_problem("insert_planar_2r"), counts=(5, 5)),
+    "accuracy": lambda: po.map_accuracy(po.load_problem("insert_planar_2r_calibrated"), counts=(4, 4)),
     "calibration": _calibrated,
     "diagnosis": _diagnosed,
     "batch": _batch,
-    "plan": lambda: po.plan_measurements(load_builtin("insert_planar_2r_measured"), 8),
+    "plan": lambda: po.plan_measurements(po.load_problem("insert_planar_2r_measured"), 8),
 }
 
 
-@pytest.fixture(scope="module", params=conformance(RESULTS, ["planar", "in space", "map"]))
+ALWAYS = ["planar", "in space", "map", "features", "accuracy", "calibration"]
+
+
+@pytest.fixture(scope="module", params=conformance(RESULTS, ALWAYS))
 def figures(request: pytest.FixtureRequest) -> dict[str, Figure]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(shaded_picture, "DPI", 40)  # the grain of the shaded arm changes no text

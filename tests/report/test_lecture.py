@@ -183,12 +183,3 @@ def test_correlated_lengths(document):
     for name, q in (("folded (90°, −180°)", (90, -180)), ("stretched (90°, 0°)", (90, 0))):
         Cyy = first_order(np.radians(q), Sigma)[1, 1]
         assert f"| {name} | {Cyy * 1e4:.4f} | {math.sqrt(Cyy) * 1e3:.3f} |" in document
-
-
-def test_figures_are_there_and_small(document):
-    figures = re.findall(r"\]\((figures/[^)]+)\)", document)
-    assert len(figures) == 4
-    for figure in figures:
-        content = (DOCS / figure).read_bytes()
-        assert content.startswith(b"\x89PNG")
-        assert 10_000 < len(content) < 150_000

@@ -2,26 +2,21 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
-from posture_opt.report.text.blocks import Block, Document, Facts, Table
+from posture_opt.report.text.blocks import Block, Document, Table
 from posture_opt.report.text.screen import SCREEN, on_a_screen
-from posture_opt.report.text.text import render
-from posture_opt.statements import Statement, state
+from posture_opt.report.text.text import render, text_table
+from posture_opt.statements import state
 
 LONG = "This sentence is as long as those that a report begins with, and takes more than one line of a hundred columns."
 NUMBERS = Table(("no.", "x [mm]"), tuple((str(k), f"{k}.0") for k in range(100)), 0)
 
 
-def said(text: str) -> tuple[Statement, ...]:
+def said(text: str) -> tuple[Any, ...]:
     return (state("calibration.data-warning", text=text),)
-
-
-def test_a_short_report_is_whole() -> None:
-    report = Document("Arm", said("Calibrated."), (Block("Data", (Facts((("Rows", "12"),)),)),))
-    short = on_a_screen(report, 100, ("map.csv",))
-    assert short.blocks[:-1] == report.blocks
-    assert render(short).endswith("\n\n--out DIR writes report.html with figures and map.csv.\n")
 
 
 @pytest.mark.parametrize("width", [60, 80, 140])
@@ -38,16 +33,6 @@ def test_a_long_one_fits_and_says_what_is_missing(width: int) -> None:
     assert max(map(len, lines)) <= width
     assert "Short." in lines
     assert "--full prints all details, with scatter and ISO 9283." in " ".join(text.split())
-
-
-def test_a_long_table_is_cut_before_anything_is_dropped() -> None:
-    blocks = Block("Numbers", (NUMBERS,)), Block("Last", ("Kept.",))
-    short = on_a_screen(Document("Arm", (), blocks), 100, ())
-    lines = render(short).rstrip().splitlines()
-    shown = sum(line.endswith(".0") for line in lines)
-    assert len(lines) in (SCREEN - 1, SCREEN)
-    assert f"… {100 - shown} more" in lines
-    assert "Kept." in lines
 
 
 def test_rows_that_are_left_out_are_named_and_the_worst_one_stays() -> None:
@@ -67,14 +52,6 @@ def test_rows_that_are_left_out_are_named_and_the_worst_one_stays() -> None:
     assert more == f"… {7 - len(cut.rows)} more: {', '.join(r[0] for r in rows[len(cut.rows) : 6])} and cause 6"
 
 
-def test_a_table_keeps_its_least_rows_and_other_blocks_go() -> None:
-    table = Table(("cause", "size"), tuple((f"cause {k}", str(k)) for k in range(10)), least=10)
-    blocks = Block("Causes", (table,)), Block("Rest", (LONG,) * 4)
-    short = on_a_screen(Document("Arm", (), (Block("", (LONG,) * 12, stays=True), *blocks)), 100, ())
-    assert [block.title for block in short.blocks] == ["", "Causes", ""]
-    assert short.blocks[1].items == (table,)
-
-
 def test_a_lead_keeps_its_limits_and_what_has_no_room_comes_next() -> None:
     """Dangers first, then the answer, then what limits it: eight lines, ninety words, and nothing is lost."""
     first = state("calibration.error-reduced", what="error", nominal="1 mm", calibrated="0.1 mm")
@@ -86,3 +63,26 @@ def test_a_lead_keeps_its_limits_and_what_has_no_room_comes_next() -> None:
     assert len(lead) <= 1 + 8
     assert report.blocks[0].title == "Also"
     assert render(report).count("takes more than one line") == 6
+
+
+# --- Tables as plain text: aligned, within the width, no word broken --------------------------------------------------
+
+HEADERS = ("joint", "value [deg]", "left to the nearer limit [deg]")
+ROWS = [("shoulder_lift", "-124.77", "235.2"), ("elbow", "8.9", "")]
+PLAIN = """\
+joint          value [deg]  left to the nearer limit [deg]
+-------------  -----------  ------------------------------
+shoulder_lift      -124.77                           235.2
+elbow                  8.9"""
+
+
+def test_words_left_numbers_right():
+    assert text_table(HEADERS, ROWS) == PLAIN
+    assert text_table(HEADERS, ROWS, width=100) == PLAIN
+
+
+@pytest.mark.parametrize("width", range(60))
+def test_no_word_is_broken(width):
+    text = text_table(HEADERS, ROWS, width=width)
+    assert {word for row in (HEADERS, *ROWS) for cell in row for word in cell.split()} <= set(text.split())
+    assert max(map(len, text.splitlines())) <= max(width, len("shoulder_lift") + len("-124.77") + len("nearer") + 4)

@@ -11,10 +11,9 @@ import pytest
 import posture_opt as po
 from posture_opt.calibration.estimation.parameters import Parameter, prior_covariance
 from posture_opt.experiments.candidate_postures import nominal_chain, skeleton_points
-from posture_opt.problem.yaml_source import parse_yaml
-from posture_opt.robot import load_preset
 from posture_opt.robot.corrections import corrected
 from tests.helpers.factors import frame, pose, random_postures
+from tests.helpers.shipped import preset_robot
 
 URDF = """\
 <robot name="arm">
@@ -66,28 +65,6 @@ def test_every_parameter_takes_a_correction(kind: str, folder: Path) -> None:
     assert (found.lower, found.upper) == (plain.lower, plain.upper)  # of the joints as they are commanded
 
 
-def test_the_lean_of_the_axes_leaves_out_joints_base_and_tool(folder: Path) -> None:
-    turns = {
-        "j1.alpha": "1 mrad",
-        "j1.beta": "-2 mrad",
-        "j1.theta": "9 mrad",
-        "base.roll": "9 mrad",
-        "tool.yaw": "1 deg",
-    }
-    assert robot(ARMS["dh"], folder, corrections=turns).skew == pytest.approx(3e-3)
-    assert robot(ARMS["dh"], folder).skew == 0.0
-
-
-def test_corrections_of_a_preset_come_back(folder: Path) -> None:
-    plain = robot(ARMS["preset"], folder)
-    name = next(name for name in plain.parameters if name.endswith(".a"))
-    problem = po.problem_from_dict({"robot": ARMS["preset"] | {"corrections": {name: "0.25 mm"}}}, folder)
-    assert problem.robot.parameters[name].nominal == pytest.approx(plain.parameters[name].nominal + 0.25e-3)
-    again = po.problem_from_dict(parse_yaml(problem.to_yaml()).data, folder)
-    assert again.robot.factors == problem.robot.factors
-    assert problem.to_dict()["robot"]["corrections"] == {name: "0.25 mm"}
-
-
 @pytest.mark.parametrize(
     ("corrections", "message"),
     [
@@ -122,15 +99,6 @@ def test_scatter_adds_to_a_covariance_and_is_no_prior(folder: Path) -> None:
     np.testing.assert_allclose(sources.constant, constant, atol=1e-20)
 
 
-def test_scatter_adds_to_sigma(folder: Path) -> None:
-    problem = planar(folder, sigma={"joint1.theta": "3 mrad"}, scatter={"joint1.theta": "4 mrad"})
-    assert problem.sources.sigma == pytest.approx([5e-3])
-    parameters = [Parameter(name, "geometry", "rad", 0.0, 0) for name in ("joint1.theta", "joint2.theta")]
-    rows, covariance = prior_covariance(problem, parameters)
-    assert rows == [0]
-    assert covariance == pytest.approx(np.array([[9e-6]]))
-
-
 def test_a_repeatability_adds_to_a_covariance_file_but_not_to_sigma(folder: Path) -> None:
     alone = planar(folder, repeatability="1 mm").sources
     both = planar(folder, repeatability="1 mm", covariance="known.csv")
@@ -143,11 +111,6 @@ def test_a_repeatability_adds_to_a_covariance_file_but_not_to_sigma(folder: Path
         po.errors.InputError, match=r"uncertainty.repeatability: the error of joint1.theta is stated twice"
     ):
         planar(folder, repeatability="1 mm", sigma={"joint1.theta": "1 mrad"})
-
-
-def test_scatter_alone_takes_the_place_of_the_data_sheet() -> None:
-    data = {"robot": {"kind": "preset", "name": "ur10e"}, "uncertainty": {"scatter": {"elbow.theta": "0.01 deg"}}}
-    assert po.problem_from_dict(data).sources.names == ("elbow.theta",)
 
 
 @pytest.mark.parametrize(
@@ -163,14 +126,6 @@ def test_scatter_that_cannot_be_is_refused(scatter: Any, message: str, folder: P
     with pytest.raises(po.errors.InputError) as caught:
         planar(folder, scatter=scatter)
     assert message in str(caught.value)
-
-
-def test_scatter_is_read_where_the_robot_is_broken() -> None:
-    text = "robot: {kind: dh, joints: []}\nuncertainty: {scatter: {joint1.theta: 1 mm, joint1.a: -1 mm}}\n"
-    with pytest.raises(po.errors.InputError) as caught:
-        po.problem_from_dict(parse_yaml(text).data)
-    assert "scatter.joint1.theta" in str(caught.value)
-    assert "scatter.joint1.a" in str(caught.value)
 
 
 def dh_of(origins, axes, tip, nominal):
@@ -199,7 +154,7 @@ def dh_of(origins, axes, tip, nominal):
 @pytest.mark.parametrize("name", ["ur3e", "ur5", "ur10e"])
 def test_bodies_stay_where_a_calibration_puts_frames_far_off(name: str) -> None:
     """Parallel axes that lean by 0.2 mrad have common normals many metres away, and DH frames are there."""
-    nominal, rng = load_preset(name), np.random.default_rng(5)
+    nominal, rng = preset_robot(name), np.random.default_rng(5)
     frames = [np.eye(4), *(frame(nominal, np.zeros(6), k) for k in range(6))]
     axes = np.array([T[:3, 2] for T in frames[:6]])
     axes[2:4] += 2e-4 * rng.standard_normal((2, 3))

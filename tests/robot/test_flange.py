@@ -109,11 +109,6 @@ def test_a_camera_on_the_flange_is_found_from_poses_of_a_board(tmp_path: Path) -
         assert p[:, k].min() / 1e3 - 1e-4 <= min(planned) <= max(planned) <= p[:, k].max() / 1e3 + 1e-4
 
 
-def test_poses_of_a_flange_are_planned_among_measured_ones(tmp_path: Path) -> None:
-    with pytest.raises(po.errors.InputError, match="among measured ones"):
-        po.plan_measurements(loaded(tmp_path), 6)
-
-
 def test_half_an_orientation_of_the_flange_is_named(tmp_path: Path) -> None:
     problem = loaded(tmp_path)
     table = {

@@ -10,7 +10,7 @@ import pytest
 from pydantic import TypeAdapter, ValidationError
 
 import posture_opt as po
-from posture_opt.robot import FORMATS, DhRobot, MdhRobot, RobotFormat, RobotSpec, UrdfRobot
+from posture_opt.robot import FORMATS, RobotFormat, RobotSpec, UrdfRobot
 from tests.helpers.factors import frame, parameter_jacobian, pose
 from tests.helpers.pin import BARE, PinArm, robots_folder
 from tests.helpers.urdfs import urdf_text
@@ -55,13 +55,6 @@ def test_each_parameter_is_the_error_of_its_column(kind, textbook):
         np.testing.assert_allclose(pose(robot, [0.0], {f"j.{name}": 0.01}), expected, atol=ROUNDING)
 
 
-def test_beta_turns_behind_the_row():
-    robot = DhRobot(joints=[ROW]).build(Path())
-    turn = np.linalg.inv(pose(robot, [0.3])) @ pose(robot, [0.3], {"j.beta": 0.02})
-    np.testing.assert_allclose(turn[:3, :3] @ [0, 0, 1], [math.sin(0.02), 0, math.cos(0.02)], atol=ROUNDING)
-    assert "j.beta" not in MdhRobot(joints=[ROW]).build(Path()).parameters
-
-
 def test_base_and_tool_frame_the_arm():
     frames = {"base": {"xyz": ["1 m", "0 m", "0 m"], "rpy": ["0 deg", "0 deg", "90 deg"]}, "tool": {"xyz": ["0 m"] * 3}}
     plain = read({"kind": "dh", "joints": [ROW]}).build(Path())
@@ -70,19 +63,6 @@ def test_base_and_tool_frame_the_arm():
     np.testing.assert_allclose(pose(robot, [0.4]), T_world_base @ pose(plain, [0.4]), atol=ROUNDING)
     assert {f"base.{p}" for p in ("x", "y", "z", "roll", "pitch", "yaw")} <= set(robot.parameters)
     assert {f"tool.{p}" for p in ("x", "y", "z", "roll", "pitch", "yaw")} <= set(robot.parameters)
-
-
-def test_free_frames_and_the_other_keys():
-    section = {"kind": "dh", "joints": [ROW | {"mass": "2 kg", "com": ["1 mm", "2 mm", "3 mm"], "gear_ratio": 101}]}
-    extra = {"base": "free", "tool": {"xyz": ["0 m", "0 m", "5 mm"], "free": True}, "payload": "500 g"}
-    robot = read(section | extra | {"gravity": [0, 9.81, 0]}).build(Path())
-    assert robot.base_free
-    assert robot.tool_free
-    assert robot.tool[2].nominal == pytest.approx(0.005)
-    assert (robot.payload, robot.gravity) == (0.5, (0.0, 9.81, 0.0))
-    assert (robot.joints[0].mass, robot.joints[0].gear_ratio) == (2.0, 101.0)
-    assert robot.joints[0].com == pytest.approx((0.001, 0.002, 0.003))
-    assert (robot.lower, robot.upper) == ((-2 * math.pi,), (2 * math.pi,))  # no limits given: a turn either way
 
 
 @pytest.mark.parametrize(("section", "place", "message"), [
@@ -332,14 +312,6 @@ def test_no_entity_changes_a_number(declared, tmp_path):
         UrdfRobot(file="arm.urdf").build(tmp_path)
 
 
-def test_what_the_kinematics_do_not_need_is_not_looked_at(tmp_path):
-    extra = '<visual><origin xyz="a b c"/><geometry><mesh filename="none.stl" scale="x"/></geometry></visual>'
-    text = GOOD.replace('<link name="base"/>', f'<link name="base">{extra}</link><gazebo><sensor:ray n="1"/></gazebo>')
-    text = text.replace("<joint ", '<transmission name="t"/><!-- <joint name="no"/> --><joint ', 1)
-    (tmp_path / "arm.urdf").write_text(text, encoding="utf-16")
-    assert UrdfRobot(file="arm.urdf").build(tmp_path).joint_names == ("j",)
-
-
 @pytest.mark.parametrize(("keys", "key", "message"), [
     ({"tip_link": "link_1"}, "tip_link", "did you mean 'link1'"),
     ({"base_link": "bass"}, "base_link", "did you mean 'base'"),
@@ -351,18 +323,6 @@ def test_links_that_make_no_chain(tmp_path, keys, key, message):
     with pytest.raises(po.errors.InputError, match=message) as caught:
         UrdfRobot(file="arm.urdf", **keys).build(tmp_path)
     assert caught.value.issues[0].key == (key,)
-
-
-def test_several_leaves_ask_for_one(tmp_path):
-    rows = {"a": ("base", "left"), "b": ("base", "right")}
-    joints = (
-        f'<joint name="{name}" type="continuous"><parent link="{parent}"/><child link="{child}"/></joint>'
-        for name, (parent, child) in rows.items()
-    )
-    links = "".join(f'<link name="{name}"/>' for name in ("base", "left", "right"))
-    (tmp_path / "arm.urdf").write_text(f'<robot name="two arms">{links}{"".join(joints)}</robot>')
-    with pytest.raises(po.errors.InputError, match=r"name one: tip_link: left \(1 joint\), right \(1 joint\)"):
-        UrdfRobot(file="arm.urdf").build(tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -387,21 +347,6 @@ def test_what_no_arm_has_and_what_controllers_add_is_noted(tmp_path, origin, lim
     assert (robot.lower[0], robot.upper[0]) == limits
     assert len(robot.notes) == len(said)
     assert all(part in note for part, note in zip(said, robot.notes, strict=True))
-
-
-def test_a_roll_in_front_of_a_pitch_is_told_where_it_is_named(tmp_path):
-    rows = [("j", ORIGIN[0], (0.4, 1.5708, 0.6), (0, 1, 0), None), ("k", ORIGIN[0], (0.4, 0, 0.6), (0, 1, 0), None)]
-    (tmp_path / "arm.urdf").write_text(urdf_text(rows))
-    robot = {"kind": "urdf", "file": str(tmp_path / "arm.urdf")}
-
-    def notes(sigma, **corrections):
-        data = {"robot": {**robot, **corrections}, "uncertainty": {"sigma": sigma}}
-        return [note for note in po.problem_from_dict(data).notes if "about x" in note]
-
-    assert notes({"j.yaw": "1 mrad", "k.roll": "1 mrad"}) == []
-    (note,) = notes({"j.roll": "1 mrad", "k.roll": "1 mrad"})
-    assert note.startswith("j.roll is a turn about x before the pitch of its origin is applied")
-    assert notes({"j.yaw": "1 mrad"}, corrections={"j.roll": "0.1 deg"}) == [note]
 
 
 @pytest.mark.parametrize(("mass", "payload", "refused"), [("20 kg", "61 kg", True), ("20 kg", "59 kg", False)])

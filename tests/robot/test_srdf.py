@@ -104,24 +104,3 @@ def test_the_published_panda() -> None:
     off = {frozenset((e.attrib["link1"], e.attrib["link2"])) for e in root.iter("disable_collisions")}
     assert frozenset(("panda_link0", "panda_link4")) in off
     assert frozenset(("base", "panda_joint4")) in robot.allowed_collisions
-
-
-def test_a_floating_joint_outside_of_the_chain_is_left_out(tmp_path: Path) -> None:
-    """As mobile robots have it: its value is a pose, and no value of a joint of the arm."""
-    state = (
-        '<group_state name="home" group="all"><joint name="{}" value="0 0 1 0 0 0 1"/><joint name="j1" value="0.5"/>'
-    )
-    joint = '<joint name="world" type="floating"><parent link="map"/><child link="base"/></joint>'
-    urdf = (
-        '<robot name="r"><link name="map"/><link name="base"/><link name="tip"/>' + joint + '<joint name="j1" '
-        'type="revolute"><parent link="base"/><child link="tip"/><axis xyz="0 0 1"/>'
-        '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>'
-    )
-    (tmp_path / "r.urdf").write_text(urdf)
-    robot = {"kind": "urdf", "file": str(tmp_path / "r.urdf"), "srdf": str(tmp_path / "r.srdf"), "base_link": "base"}
-    robot |= {"tip_link": "tip"}
-    (tmp_path / "r.srdf").write_text(f'<robot name="r">{state.format("world")}</group_state></robot>')
-    po.problem_from_dict({"robot": robot})
-    (tmp_path / "r.srdf").write_text(f'<robot name="r">{state.format("j1")}</group_state></robot>')
-    with pytest.raises(po.errors.InputError, match="is no number"):
-        po.problem_from_dict({"robot": robot})

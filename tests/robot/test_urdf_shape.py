@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 from pathlib import Path
 
 import coal
@@ -12,8 +11,6 @@ import pinocchio
 import pytest
 
 import posture_opt as po
-from posture_opt.collision.cell import CellSpec
-from posture_opt.collision.scene import Scene
 from posture_opt.robot import UrdfRobot
 from tests.helpers.capsules import from_segment, in_the_world
 from tests.helpers.factors import random_postures
@@ -151,29 +148,12 @@ def test_meshes_of_a_package_are_found(tmp_path: Path, name: str) -> None:
     assert sum(c.radius for c in robot.shape) / len(ends) < 0.5 * math.sqrt(3)
 
 
-def test_without_trimesh_a_note_says_what_would_help(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "trimesh", None)
-    (tmp_path / "cube.obj").write_text(CUBE)
-    robot = built(tmp_path, MESH.format("cube.obj"))
-    assert robot.shape == ()
-    assert "posture_opt[mesh]" in robot.shape_notes[0]
-
-
 def test_a_broken_mesh_is_a_note(tmp_path: Path) -> None:
     pytest.importorskip("trimesh")
     (tmp_path / "cube.stl").write_bytes(b"no mesh at all")
     robot = built(tmp_path, MESH.format("cube.stl"))
     assert robot.shape == ()
     assert robot.shape_notes[0].startswith("no shape of tip: mesh cube.stl")
-
-
-def test_a_mesh_with_an_absurd_coordinate_is_a_note(tmp_path: Path) -> None:
-    """Its square overflows: no axis of it could be found."""
-    pytest.importorskip("trimesh")
-    (tmp_path / "cube.obj").write_text("v 1e308 1e308 1e308\nv 0 0 0\nv 1 1 1\nf 1 2 3\n")
-    robot = built(tmp_path, MESH.format("cube.obj"))
-    assert robot.shape == ()
-    assert robot.shape_notes == ("no shape of tip: mesh cube.obj is empty or broken",)
 
 
 def test_numbers_that_are_none_are_refused_with_their_line(tmp_path: Path) -> None:
@@ -191,17 +171,3 @@ def test_a_stated_shape_is_in_the_child_link_of_the_joint(tmp_path: Path) -> Non
         a, b, _ = in_the_world(robot, q, robot.shape[0])
         T = arm.pose(dict(zip(robot.joint_names, q, strict=True)), "foot", "slide")
         np.testing.assert_allclose([a, b], [T[:3, 3], T[:3, 3] + 0.2 * T[:3, 2]], atol=1e-12)
-
-
-def test_links_of_which_no_mesh_is_found_are_stood_in_for_and_named(tmp_path: Path) -> None:
-    """A gripper of its own tells nothing of the links: capsules along them are checked, and the report says so."""
-    gripper = {"joint": "tool", "from": ["0 m"] * 3, "to": ["0 m", "0 m", "50 mm"], "radius": "45 mm"}
-    meshes = BODIES.replace('<box size="0.3 0.2 0.1"/>', '<mesh filename="gone.stl"/>')
-    assert meshes != BODIES
-    robot = built(tmp_path, meshes, shape=[gripper])
-    table = {"name": "table", "kind": "box", "size": ["1 m"] * 3, "xyz": ["3 m", "0 m", "0 m"]}
-    scene = Scene.of(robot, CellSpec(obstacles=[table]))
-    assert robot.unshaped
-    assert scene.assumed
-    assert set(robot.bare_joints) <= {"base", *robot.joint_names}
-    assert {c.joint for c in scene.placed.capsules} >= set(robot.bare_joints) - {"base"}

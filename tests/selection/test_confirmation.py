@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import pytest
 
 import posture_opt as po
-from posture_opt.robot.preset import load_preset
 from posture_opt.selection.answer import selector
 from posture_opt.selection.answer.solution_statements import confirmed as statements_of
 from posture_opt.selection.search.engine import Confirmation
 from posture_opt.selection.search.search_outcome import confirmed
 from tests.helpers.said import said
+from tests.helpers.shipped import preset_robot
 from tests.helpers.variants import conformance
 
 TARGETS = {
@@ -37,7 +36,7 @@ ALWAYS = [("planar_2r", "insert"), ("scara", "hold"), ("irb120", "tilt"), ("pand
 def problem_of(arm: str, task: str, **more: Any) -> po.Problem:
     planar = arm == "planar_2r"
     stated = {"direction": [0, -1, 0] if planar else [0, 0, -1], "position": TARGETS[arm], **TASKS[task], **more}
-    sigma = {f"{joint}.theta": f"{0.1 + 0.05 * k} mrad" for k, joint in enumerate(load_preset(arm).joint_names)}
+    sigma = {f"{joint}.theta": f"{0.1 + 0.05 * k} mrad" for k, joint in enumerate(preset_robot(arm).joint_names)}
     return po.problem_from_dict(
         {
             "robot": {"kind": "preset", "name": arm},
@@ -62,27 +61,6 @@ def test_where_both_differ_the_better_posture_is_taken() -> None:
     assert [one.q for one in others] == [given.q]
     (told,) = statements_of(result)
     assert (told.id, told.values["difference"].value) == ("selection.confirmation-better", result.agrees)  # type: ignore[union-attr]
-
-
-def test_a_repeated_solve_is_confirmed_on_request() -> None:
-    selector = po.PostureSelector(problem_of("ur5e", "probe"), compiled=False)
-    quick, sure = selector.solve(starts=16), selector.solve(starts=16, confirm=True)
-    assert (quick.to_json()["solver"]["name"], quick.to_json()["solver"]["kkt"]) == ("search", None)
-    assert sure.to_json()["solver"]["name"] == "ipopt"
-    assert sure.sigma_max == pytest.approx(quick.sigma_max, rel=1e-6)
-
-
-def test_more_equations_than_joints_are_left_to_the_search(capfd: pytest.CaptureFixture[str]) -> None:
-    """One joint is free, and two coordinates are to be met: the posture is the only one, which IPOPT does not take."""
-    angles = math.radians(30), math.radians(80)  # of both links of 1 m, world
-    position = (sum(map(math.cos, angles)), sum(map(math.sin, angles)), 0.0)
-    held = {"kind": "fixed_joints", "values": {"joint1": "30 deg"}}
-    found = po.select_posture(
-        problem_of("planar_2r", "insert", subject_to=[held], position=[f"{x!r} m" for x in position])
-    )
-    assert found.posture["joint2"] == pytest.approx(math.radians(50), abs=1e-6)
-    assert found.to_json()["solver"]["name"] == "search"
-    assert capfd.readouterr().err == ""
 
 
 @pytest.mark.parametrize(("arm", "task"), conformance(EVERY, ALWAYS))
@@ -114,15 +92,6 @@ def test_every_feature_is_confirmed(combine: str) -> None:
     assert told["iterations"] == sum(one.iterations for one in every if one is not None)
     assert "selection.confirmed" in said(found)
     assert bool(found.prices) == (combine == "worst")
-
-
-def test_the_targets_that_a_map_names_are_confirmed() -> None:
-    found = po.map_targets(problem_of("scara", "insert"), counts=(3, 3), compiled=False)
-    told = found.to_json()["solver"]
-    assert told["name"] == "ipopt"
-    assert told["agrees"] <= 1e-6
-    assert told["iterations"] >= 2  # at the best target and at the worst
-    assert "selection.confirmed" in said(found)
 
 
 def test_ipopt_finds_the_motion_along_a_path() -> None:

@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.errors import NoSolutionError
 from posture_opt.selection.answer.improvements import CalibratedArm, HalvedSigma, MovedPart
-from tests.helpers.said import said
 from tests.helpers.variants import conformance
 
 PLANAR = {
@@ -88,11 +86,6 @@ def test_a_calibration_brings_what_was_foretold():
     assert problem.measurement is not None
 
 
-def test_a_file_that_states_plates_has_no_perfect_tracker():
-    (told,) = change_of(solved(with_uncertainty(measurement={"plane": "0.02 mm"})), CalibratedArm)
-    assert (told.instrument, told.assumed) == (pytest.approx(0.05e-3), True)
-
-
 def least_squares(q: np.ndarray, measured: np.ndarray, sigma: dict, noise: float, shake: float) -> dict[str, float]:
     """Gauss-Newton with priors, written out for three parameters; the scatter weakens each point as it moves it."""
     names = list(sigma)
@@ -112,12 +105,6 @@ def least_squares(q: np.ndarray, measured: np.ndarray, sigma: dict, noise: float
         step = np.linalg.solve(normal, right)
         found = {n: found[n] + s for n, s in zip(names, step, strict=True)}
     return found
-
-
-def test_scatter_alone_is_not_calibrated_away():
-    solution = solved(with_uncertainty(sigma={}, repeatability="0.1 mm"))
-    assert not change_of(solution, CalibratedArm)
-    assert "selection.calibration-useless" in said(solution)
 
 
 @pytest.mark.parametrize("name", conformance(["insert_scara", "insert_panda_cell"], ["insert_scara"]))
@@ -144,22 +131,6 @@ def test_no_place_around_is_better_than_the_one_told():
     assert told.sigma_max == pytest.approx(min(every), rel=1e-3)
 
 
-def test_a_part_that_was_placed_is_not_moved_again():
-    free = {**PLANAR, "task": {"kind": "insert", "direction": [0, -1, 0]}}
-    assert not change_of(solved(free), MovedPart)
-
-
-def test_a_task_that_cannot_be_done_has_no_improvements():
-    with pytest.raises(NoSolutionError) as failed:
-        po.select_posture(
-            po.problem_from_dict({**PLANAR, "task": {**PLANAR["task"], "position": ["3 m", "0 m", "0 m"]}})
-        )
-    assert failed.value.solution is not None
-    assert failed.value.solution.to_json()["what_would_help"] == []
-
-
 def test_features_and_paths_tell_it_too():
     for name in ("insert_scara_tray", "dispense_planar_2r"):
-        found = po.select_posture(po.load_problem(name))
-        assert found.to_json()["what_would_help"]
-        assert "What would help" in found.report()
+        assert po.select_posture(po.load_problem(name)).to_json()["what_would_help"]

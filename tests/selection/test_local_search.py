@@ -112,23 +112,6 @@ def panda(compiled: bool | None) -> Any:
     return selector.engine(selector.target), replace(selector.target, scale=4e-8)
 
 
-@needs_compiler
-def test_compiled_and_interpreted_searches_give_the_same_digits() -> None:
-    outcomes = []
-    for compiled in (True, False):
-        engine, target = panda(compiled)
-        rng = np.random.default_rng(1)
-        starts, errors = engine.ik.solve(engine.ik.random_postures(60, rng), engine.request(target, 60, rng), enough=20)
-        outcomes.append((starts, errors, engine.descended(starts[errors < 1e-7], target, 12)))
-    (starts, errors, found), (starts_too, errors_too, found_too) = outcomes
-    assert np.count_nonzero(errors < 1e-7) == 20
-    np.testing.assert_array_equal(np.isfinite(errors), np.isfinite(errors_too))
-    reached = np.isfinite(errors)
-    np.testing.assert_array_equal(starts[reached], starts_too[reached])
-    for name in ("q", "state", "objective", "violation", "stationarity", "optimal"):
-        np.testing.assert_allclose(getattr(found, name), getattr(found_too, name), rtol=0, atol=1e-9, err_msg=name)
-
-
 def test_optima_are_those_of_ipopt_from_the_same_starts() -> None:
     engine, target = panda(False)
     rng = np.random.default_rng(2)

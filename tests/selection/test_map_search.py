@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.problem.load import load_builtin
-from posture_opt.selection.maps.map_exchange import BaseMotion, Neighbourhood
-from posture_opt.selection.maps.map_points import NeighbourSolves
+from posture_opt.selection.maps.map_exchange import BaseMotion
 from tests.helpers.variants import conformance
 
 AGREES = 1.005  # times σ: what nobody sees in a map
@@ -35,18 +32,18 @@ def random_arm(seed: int, joints: int) -> dict[str, Any]:
 
 
 MAPS: dict[str, tuple[Any, dict[str, Any]]] = {
-    "panda": (lambda: load_builtin("insert_panda"), {"low": (0.3, -0.5, 0.2), "high": (0.75, 0.25, 0.2)}),
+    "panda": (lambda: po.load_problem("insert_panda"), {"low": (0.3, -0.5, 0.2), "high": (0.75, 0.25, 0.2)}),
     "panda, upright": (
-        lambda: load_builtin("insert_panda"),
+        lambda: po.load_problem("insert_panda"),
         {"low": (0.35, 0.1, 0.1), "high": (0.75, 0.1, 0.6), "plane": "xz"},
     ),
-    "ur10": (lambda: load_builtin("insert_ur10"), {"low": (-0.9, 0.3, 0.1), "high": (0.9, 0.9, 0.1)}),
+    "ur10": (lambda: po.load_problem("insert_ur10"), {"low": (-0.9, 0.3, 0.1), "high": (0.9, 0.9, 0.1)}),
     "kuka": (
-        lambda: load_builtin("insert_iiwa14_tilt"),
+        lambda: po.load_problem("insert_iiwa14_tilt"),
         {"low": (0.4, -0.2, 0.15), "high": (0.7, 0.3, 0.15), "counts": (4, 3)},
     ),
-    "scara": (lambda: load_builtin("insert_scara"), {"low": (0.15, -0.3, -0.08), "high": (0.4, 0.3, -0.08)}),
-    "tilted probe": (lambda: load_builtin("probe_irb120"), {"low": (0.2, -0.2, 0.2), "high": (0.5, 0.2, 0.2)}),
+    "scara": (lambda: po.load_problem("insert_scara"), {"low": (0.15, -0.3, -0.08), "high": (0.4, 0.3, -0.08)}),
+    "tilted probe": (lambda: po.load_problem("probe_irb120"), {"low": (0.2, -0.2, 0.2), "high": (0.5, 0.2, 0.2)}),
     "random": (lambda: po.problem_from_dict(random_arm(4, 5)), {}),
 }
 
@@ -74,7 +71,7 @@ def test_targets_are_as_good_as_direct_searches(arm: str) -> None:
 def test_the_worst_place_of_the_panda_is_no_false_optimum() -> None:
     """Beyond a radius of 786 mm a branch is best that few random starts arrive at."""
     line = {"counts": (10, 1, 1), "low": (0.76, 0, 0.2), "high": (0.805, 0, 0.2)}
-    problem = load_builtin("insert_panda")
+    problem = po.load_problem("insert_panda")
     found = po.map_targets(problem, **line)
     assert found.feasible.tolist() == [True] * 9 + [False]
     # Direct search with 1000 starts and 60 local solves.
@@ -84,7 +81,7 @@ def test_the_worst_place_of_the_panda_is_no_false_optimum() -> None:
 
 
 def test_targets_that_joint_1_turns_onto_each_other_agree() -> None:
-    problem = load_builtin("insert_panda")
+    problem = po.load_problem("insert_panda")
     found = po.map_targets(problem, counts=(9, 9), low=(-0.8, -0.8, 0.2), high=(0.8, 0.8, 0.2))
     motion = BaseMotion.of(problem.arm)
     kept, azimuth = motion.split(found.grid.points)
@@ -117,57 +114,3 @@ def test_joint_1_moves_the_arm_as_it_says(base: dict[str, Any], slide: bool) -> 
     np.testing.assert_allclose(after[1] - before[1], moved[:, 0] - q[:, 0], atol=1e-9)
     assert motion.keeps(motion.axis)
     assert motion.keeps(np.cross(motion.axis, [1.0, 2.0, 3.0])) == slide
-
-
-def test_joint_1_stays_within_its_limits() -> None:
-    motion = BaseMotion.of(load_builtin("insert_panda").arm)
-    limit = motion.upper  # 166 deg on either side: 28 deg behind the arm are out of reach
-    q = np.array([limit - 0.1, 1, 2, 3, 4, 5, 6])
-    moved = motion.moved(np.tile(q, (3, 1)), np.array([0.05, 0.15, 1.0]))
-    # Within; a little past it; a turn less.
-    np.testing.assert_allclose(moved[:, 0], [limit - 0.05, limit, limit + 0.9 - 2 * np.pi])
-    np.testing.assert_array_equal(moved[:, 1:], [q[1:]] * 3)
-
-
-def square(count: int) -> tuple[np.ndarray, list[tuple[np.ndarray, np.ndarray]]]:
-    found: po.TargetMap = po.map_targets(
-        load_builtin("insert_scara"), counts=(count, count), low=(-0.3, -0.3, -0.08), high=(0.3, 0.3, -0.08)
-    )
-    return found.grid.points, list(found.grid.neighbours)
-
-
-def test_who_learns_from_whom() -> None:
-    arm = load_builtin("insert_scara").arm
-    points, on_grid = square(5)
-    along = Neighbourhood.of(arm, np.array([0, 0, -1.0]), points, on_grid)
-    here, there = (np.concatenate(side) for side in zip(*along.turned, strict=True))
-    assert set(zip(here.tolist(), there.tolist(), strict=True)) == set(zip(there.tolist(), here.tolist(), strict=True))
-    radius = np.linalg.norm(points[:, :2], axis=1)
-    # Every target has one of nearly its own radius: the next in order is never further than the next of 25 radii.
-    assert np.max(np.abs(radius[here] - radius[there])) < 0.16
-    assert np.count_nonzero(np.abs(radius[here] - radius[there]) < 1e-9) > 30
-    across = Neighbourhood.of(arm, np.array([1.0, 0, 0]), points, on_grid)
-    assert across.turned == ()
-    assert not across.amount.any()
-
-
-def test_what_stands_out() -> None:
-    arm = load_builtin("insert_scara").arm
-    points, on_grid = square(5)
-    neighbourhood = Neighbourhood.of(arm, np.array([0, 0, -1.0]), points, on_grid)
-    plane = 3.0 + points[:, 0] - 2 * points[:, 1]
-    np.testing.assert_allclose(neighbourhood.excess(plane), 0, atol=1e-12)
-    for k in (0, 2, 12):  # a corner, an edge, the middle
-        values = plane.copy()
-        values[k] *= 1.05
-        excess = neighbourhood.excess(values)
-        assert excess[k] == pytest.approx(0.05)
-        values[(k + 1) % 25] = np.nan
-        assert np.isfinite(neighbourhood.excess(values)[k])
-
-
-def test_the_report_says_what_neighbours_gave() -> None:
-    found = po.map_targets(load_builtin("insert_scara"), counts=(2, 2), low=(0.2, 0, -0.08), high=(0.3, 0.1, -0.08))
-    text = replace(found, solves=NeighbourSolves(5, 1, 0.03, 2)).report()
-    assert "5 targets solved again, 1 improved by up to 3.0 %" in text
-    assert "Only from a neighbour 2 targets" in " ".join(text.split())

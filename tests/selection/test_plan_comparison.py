@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.model.arm import Arm
-from posture_opt.problem.problem import Problem
 from posture_opt.robot.corrections import deviated
 from posture_opt.selection.comparison import compare
 from posture_opt.selection.comparison.predicted_error import JudgedAnswer, judged_answer
@@ -21,7 +19,7 @@ from tests.helpers.planar_2r import position
 LONGER = 3e-4  # m of the second link
 
 
-def problem(**keys: object) -> Problem:
+def problem(**keys: object) -> po.Problem:
     joint = {"type": "revolute", "a": "1 m"}
     data = {
         "robot": {"kind": "dh", "joints": [{"name": name, **joint} for name in ("joint1", "joint2")]},
@@ -33,12 +31,15 @@ def problem(**keys: object) -> Problem:
 
 
 @pytest.fixture(scope="module")
-def models() -> dict[str, Problem]:
+def models() -> dict[str, po.Problem]:
     nominal = problem()
-    return {"nominal": nominal, "calibrated": replace(nominal, arm=Arm(deviated(nominal.robot, {"joint2.a": LONGER})))}
+    return {
+        "nominal": nominal,
+        "calibrated": replace(nominal, arm=po.Arm(deviated(nominal.robot, {"joint2.a": LONGER}))),
+    }
 
 
-def test_the_last_model_judges_every_posture(models: dict[str, Problem]) -> None:
+def test_the_last_model_judges_every_posture(models: dict[str, po.Problem]) -> None:
     found = po.compare_plans(models)
     assert found is not None
     assert found.reference == "calibrated"
@@ -57,7 +58,7 @@ def test_the_last_model_judges_every_posture(models: dict[str, Problem]) -> None
 
 
 def test_judgements_are_made_when_they_are_asked_for(
-    models: dict[str, Problem], monkeypatch: pytest.MonkeyPatch
+    models: dict[str, po.Problem], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked: list[ProblemData] = []
 
@@ -80,7 +81,7 @@ def test_judgements_are_made_when_they_are_asked_for(
     assert len(asked) == 3
 
 
-def test_a_model_without_scatter_takes_that_of_the_reference(models: dict[str, Problem]) -> None:
+def test_a_model_without_scatter_takes_that_of_the_reference(models: dict[str, po.Problem]) -> None:
     silent = replace(models["nominal"], sources=Sources())
     with_own, without = (
         po.compare_plans({**models, "nominal": nominal}) for nominal in (models["nominal"], silent)
@@ -90,7 +91,7 @@ def test_a_model_without_scatter_takes_that_of_the_reference(models: dict[str, P
     assert without.to_json() == with_own.to_json()
 
 
-def test_why_a_model_has_no_posture_is_told_once_with_the_hint(models: dict[str, Problem]) -> None:
+def test_why_a_model_has_no_posture_is_told_once_with_the_hint(models: dict[str, po.Problem]) -> None:
     far = {name: model.with_task(position=["3 m", "0 m", "0 m"]) for name, model in models.items()}
     found = po.compare_plans(far, hint="the world is elsewhere")
     assert found is not None
@@ -102,7 +103,3 @@ def test_why_a_model_has_no_posture_is_told_once_with_the_hint(models: dict[str,
     assert only_one is not None
     assert list(only_one.answered) == ["calibrated"]
     assert only_one.reasons == found.reasons[:1]
-
-
-def test_without_a_task_nothing_is_compared() -> None:
-    assert po.compare_plans({"nominal": problem(task=None)}) is None

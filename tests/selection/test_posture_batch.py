@@ -4,18 +4,13 @@ from __future__ import annotations
 
 import csv
 import json
-import math
-import re
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.errors import InputError
 from posture_opt.workers.processes import ProcessWorkers
 from tests.helpers.command_line import invoke
-from tests.helpers.planar_2r import exact
 
 NAMES = ("insert_planar_2r", "insert_planar_2r_fixed_hole", "drill_planar_2r")
 
@@ -90,38 +85,3 @@ def test_a_batch_goes_on_where_it_was(tmp_path: Path) -> None:
     once, twice = (json.loads(result.stdout) for result in (first, again))
     assert once["answers"] == twice["answers"]
     assert "another problems" in invoke("batch", *NAMES[:2], "--checkpoint", tmp_path / "kept").stderr
-
-
-def test_a_row_has_the_largest_spread_of_a_path_and_says_where() -> None:
-    """The postures' covariances by the moments of the two links, in closed form."""
-    problem = po.load_problem("weld_planar_2r")
-    answer = po.select_postures({"weld": problem}).answers[0]
-    assert answer.document is not None
-    Q = np.array([[point["posture"][joint] for joint in ("joint1", "joint2")] for point in answer.document["path"]])
-    sigmas = np.sqrt(exact(Q, np.diag([math.radians(1) ** 2, math.radians(3) ** 2, 1e-4, 1e-4]))[:, 1, 1])
-    assert sigmas.max() > 1.4 * sigmas[0]  # the seam runs along x
-    assert answer.sigma_max == pytest.approx(sigmas.max(), rel=1e-8)
-    assert answer.worst_station == answer.document["worst_station"] == f"point {np.argmax(sigmas) + 1}"
-    assert answer.document["critical"]["sigma_max"] == answer.sigma_max
-    assert answer.document["covariance"][1][1] == pytest.approx(sigmas.max() ** 2, rel=1e-8)
-    assert answer.document["posture"] == answer.document["path"][0]["posture"]
-
-
-def test_no_problem_is_no_batch() -> None:
-    with pytest.raises(InputError, match="no problem is named"):
-        po.select_postures({})
-
-
-@pytest.mark.long
-def test_the_page_shows_each_arm_and_leads_to_its_own_report(files: dict[str, Path], tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    pages = {"report_1_insert_planar_2r.html", "report_2_far.html"}
-    invoke("batch", "insert_planar_2r", files["far"], files["bad"], "--out", out)
-    assert {"answers.png", "report.html", *pages} <= {path.name for path in out.iterdir()}
-    overview = (out / "report.html").read_text(encoding="utf-8")
-    assert set(re.findall(r'<td class="word"><a href="(.*?)">', overview)) == pages
-    assert overview.count('<li><a href="report_') == len(pages)
-    for page in pages:  # each is a whole report with the arm inside
-        assert "data:image/png;base64," in (out / page).read_text(encoding="utf-8")
-    invoke("batch", "insert_planar_2r", "--out", out, "--no-plots")
-    assert not pages & {path.name for path in out.iterdir()}

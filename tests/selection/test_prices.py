@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 import posture_opt as po
-from posture_opt.robot.preset import load_preset
+from tests.helpers.shipped import preset_robot
 from tests.helpers.variants import conformance
 
 DEGREE = math.radians(1.0)
@@ -19,7 +19,7 @@ STEP = {"rad": 0.1 * DEGREE, "m": 2e-4}
 
 
 def document(arm: str, task: dict[str, Any], **more: Any) -> dict[str, Any]:
-    sigma = {f"{joint}.theta": f"{0.1 + 0.05 * k} mrad" for k, joint in enumerate(load_preset(arm).joint_names)}
+    sigma = {f"{joint}.theta": f"{0.1 + 0.05 * k} mrad" for k, joint in enumerate(preset_robot(arm).joint_names)}
     stated = {"kind": "insert", "direction": [0, 0, -1], **task}
     return {"robot": {"kind": "preset", "name": arm}, "uncertainty": {"sigma": sigma}, "task": stated, **more}
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.errors import NoSolutionError
 from tests.helpers.variants import conformance
 
 SIGMA = (1e-4, 3e-4)  # rad
@@ -52,8 +51,8 @@ def test_it_is_as_good_as_the_certified_answer(name: str) -> None:
 
 def test_a_target_out_of_reach_has_the_reasons_of_the_certified_search() -> None:
     problem = po.load_problem("insert_planar_2r_measured").with_task(position=["3 m", "0 m", "0 m"])
-    with pytest.raises(NoSolutionError) as compared:
+    with pytest.raises(po.errors.NoSolutionError) as compared:
         po.PostureSelector(problem, compiled=False).solve_to_compare()
-    with pytest.raises(NoSolutionError) as certified:
+    with pytest.raises(po.errors.NoSolutionError) as certified:
         po.select_posture(problem)
     assert str(compared.value) == str(certified.value)

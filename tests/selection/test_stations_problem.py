@@ -16,7 +16,6 @@ from posture_opt.selection.stations.stations_problem import (
     StationFunction,
     StationsPoint,
     StationsProblem,
-    StationSteps,
 )
 
 W = np.array([0.62, -0.07, 0.11, 0.8])
@@ -49,24 +48,6 @@ def test_station_is_the_single_problem_at_the_moved_target(task: dict[str, Any])
             assert np.max(beyond) == pytest.approx(worst, rel=1e-9)
 
 
-@pytest.mark.long
-def test_fixed_placement_gives_the_single_solves() -> None:
-    selector = selector_of()
-    engine = selector.engine(selector.target)
-    targets = part(selector)
-    single = [selector.solve(position=target.moved(W).lower) for target in targets]
-    # Away from the optimum along the self-motion: a step of the wrist, brought back onto the target.
-    starts = []
-    for target, solution in zip(targets, single, strict=True):
-        moved = solution.q + np.array([0, 0, 0, 0, 0.3, 0])
-        starts.append(engine.ik.solve(moved[None], engine.request(target.moved(W), 1, np.random.default_rng(0)))[0][0])
-    problem = StationsProblem(tuple(Station(engine.optimisation_problem, t) for t in targets), W, W, "mean")
-    found = problem.solve(StationsPoint(W, np.array(starts)))
-    assert found.optimal
-    expected = np.mean([solution.critical.sigma_max for solution in single]) / np.sqrt(1e-9)
-    assert found.objective == pytest.approx(expected, rel=1e-4)
-
-
 def test_free_placement_of_one_hole_is_the_best_radius() -> None:
     """Joint 1 alone uncertain: the spread is its angle times the distance from its axis, so the nearest edge wins."""
     problem = po.problem_from_dict(
@@ -86,15 +67,3 @@ def test_free_placement_of_one_hole_is_the_best_radius() -> None:
     nearest = minimize_scalar(lambda y: np.hypot(0.5, y), bounds=(0.1, 0.3), method="bounded").fun
     assert found.point.w == pytest.approx([0.5, 0.1, 0.1, 0.0], abs=1e-6)
     assert np.sqrt(found.objective * 1e-8) == pytest.approx(np.radians(0.02) * nearest, rel=1e-4)
-
-
-def test_steps_between_stations_are_bounded() -> None:
-    selector = selector_of()
-    engine = selector.engine(selector.target)
-    targets = part(selector)
-    Q = np.array([selector.solve(position=target.moved(W).lower).q for target in targets])
-    stations = tuple(Station(engine.optimisation_problem, t) for t in targets)
-    steps = StationSteps(np.ones(6, dtype=bool), np.array([1, 2]))
-    found = StationsProblem(stations, W - 0.05, W + 0.05, steps=steps).solve(StationsPoint(W, Q), 0.7)
-    assert found.violation < 1e-6
-    assert np.all(np.abs(np.diff(found.point.Q, axis=0)).max(axis=1) * steps.parts <= 0.7 + 1e-6)

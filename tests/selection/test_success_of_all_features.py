@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.problem.problem import Problem
 
 DRAWS = 20_000
 LINKS = 0.22, 0.13  # m, of the preset
@@ -24,7 +23,7 @@ MIXED_ELBOWS = {"joint1.theta": 0.2e-3, "joint2.theta": 0.2e-3, "joint1.a": 20e-
 
 
 def scara(holes: list[list[float]], workpiece: dict[str, Any], clearance: float, stays: dict[str, float],
-          scatter: dict[str, float]) -> Problem:  # fmt: skip
+          scatter: dict[str, float]) -> po.Problem:  # fmt: skip
     units = {name: "m" if name.endswith((".a", ".x")) else "rad" for name in {**stays, **scatter}}
     features = [{"name": f"{k}", "position": [f"{v} m" for v in (*hole, 0.0)]} for k, hole in enumerate(holes)]
     return po.problem_from_dict(

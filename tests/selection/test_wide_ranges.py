@@ -112,17 +112,3 @@ def test_turns_that_a_distance_tells_apart_are_all_searched() -> None:
     every = every[np.all(np.abs(every) <= 2 * np.pi, axis=1)]
     nearest = every[np.argmin(np.linalg.norm(every - wanted, axis=1))]
     assert np.asarray(list(solution.posture.values())) == pytest.approx(nearest, abs=1e-5)
-
-
-def test_only_turns_that_differ_are_told_apart() -> None:
-    """An error that grows with the angle differs from turn to turn; one of a whole number of cycles does not."""
-
-    def unlike(effects: list[dict[str, Any]]) -> tuple[int, ...]:
-        document = planar((-360, 360), (-360, 360), position=["0.9 m", "0.4 m", "0 m"]).to_dict()
-        selector = po.PostureSelector(po.problem_from_dict(document | {"effects": effects}))
-        return selector.engine(selector.target).optimisation_problem.nlp.unlike_turns
-
-    assert unlike([]) == ()
-    cyclic = {"kind": "cyclic_error", "joint": "joint2", "estimate": {"sin": "1 mrad", "cos": "0.5 mrad"}}
-    assert unlike([cyclic | {"cycles": 7}]) == ()
-    assert unlike([cyclic | {"cycles": 7.3}]) == (1,)

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import re
-from types import SimpleNamespace
+from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 import posture_opt as po
-from posture_opt.errors import InputError
-from posture_opt.problem.fitting import uncertainty_section
 from posture_opt.selection.select_posture import task_objective
-from posture_opt.uncertainty.sources.sources import Sources
 from tests.helpers.brute_force import elementary
+from tests.helpers.said import said
 
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
 SIGMA = np.array([0.1, 0.08, 0.12, 0.2, 0.2, 0.3]) * 1e-3
@@ -177,18 +176,6 @@ def test_features_share_the_draw_of_their_workpiece(plate, word):
     assert abs(found.success.product - share) > 5 * error  # as if the workpiece were drawn anew at each
 
 
-@pytest.mark.long
-def test_a_lever_is_that_to_the_origin_of_the_workpiece(plate):
-    for one, corner in zip(plate.stations, CORNERS, strict=True):
-        c, s = np.cos(np.radians(30)), np.sin(np.radians(30))
-        x, y, z = np.array(corner) * 1e-3
-        lever = np.array([c * x - s * y, s * x + c * y, z])
-        assert np.allclose(one.target.lever, lever, atol=1e-12)
-        turned = ANGLE**2 * (lever @ lever * np.eye(3) - np.outer(lever, lever))
-        arm = po.propagate(plate.problem, one.q).covariance
-        assert np.allclose(one.covariance, arm + turned + (POSITION**2 + FEATURE**2) * np.eye(3), rtol=1e-9)
-
-
 def test_one_feature_alone_keeps_its_lever(plate):
     worst = plate.worst.target
     alone = worst.in_task(plate.task.model_copy(update={"features": (), "workpiece": None, "combine": "worst"}))
@@ -206,13 +193,6 @@ def test_one_feature_alone_keeps_its_lever(plate):
     assert {share.parameter: share.share for share in both.budget}["workpiece.angle"] > 0.01
 
 
-def test_without_a_place_of_the_workpiece_the_middle_is_its_origin():
-    middle = np.mean(CORNERS, axis=0) * 1e-3
-    task = on_plate(where=False).task
-    assert np.allclose(task.origin, middle)
-    assert np.allclose(task.lever_at((0.1, 0.2, 0.3)), np.array([0.1, 0.2, 0.3]) - middle)
-
-
 def test_points_of_a_path_lie_on_the_workpiece():
     points = [[f"{x} mm", "100 mm", "200 mm"] for x in (550, 600, 650)]
     task = {"kind": "weld", "points": points, "tilt": "0 deg"}
@@ -227,42 +207,6 @@ def test_points_of_a_path_lie_on_the_workpiece():
     assert "middle of the path" in po.select_posture(problem(**task)).report(full=True)
 
 
-@pytest.mark.long
-def test_maps_and_comparisons_of_a_planar_arm_count_the_workpiece_out_of_its_plane_too():
-    target = {"position": ["1.2 m", "0.5 m", "0 m"], "clearance": "0.3 mm"}
-    sure, unsure = (
-        po.load_problem("insert_planar_2r").replace(
-            task={"kind": "insert", "direction": [0, -1, 0], **target},
-            uncertainty={"sigma": {"joint1.theta": "0.1 mrad", "joint2.theta": "0.1 mrad"}, **errors},
-        )
-        for errors in ({}, {"workpiece": {"position": "0.05 mm", "angle": "1 deg"}})
-    )
-    flat, deep = (po.map_targets(one, counts=(2, 2), low=(1, 0.4, 0), high=(1.3, 0.6, 0)) for one in (sure, unsure))
-    for before, after in zip(flat.map_points, deep.map_points, strict=True):
-        assert after.sigma_max == pytest.approx(np.hypot(before.sigma_max, POSITION), rel=1e-6)
-        assert np.allclose(after.covariance, before.covariance + POSITION**2 * np.eye(3), rtol=1e-6, atol=1e-16)
-        assert after.success_probability < before.success_probability
-    # The task of the first is given to the second, with the errors of its workpiece.
-    found = po.compare({"unsure": unsure, "sure": sure})
-    sigma = [found.arms[name].judged[name].sigma_max for name in ("unsure", "sure")]
-    assert sigma[0] == pytest.approx(sigma[1], rel=1e-9)
-
-
-def test_files_keep_what_is_stated_of_the_workpiece(plate):
-    stated = plate.problem.to_dict()["uncertainty"]
-    assert stated["workpiece"] == ERRORS["workpiece"]
-    changed = plate.problem.replace(uncertainty__workpiece__position="0.1 mm")
-    assert changed.workpiece_sources.sigma[0] == pytest.approx(0.1e-3)
-    other = problem({}, position=["0.6 m", "0.2 m", "0.1 m"]).with_task_of(plate.problem)
-    assert other.task_sources.same_as(plate.problem.task_sources)
-    assert other.to_dict()["uncertainty"]["feature"] == ERRORS["feature"]
-    fit = SimpleNamespace(known=Sources.independent({"elbow.theta": 1e-4}), scatter={}, covariance_file="c.csv")
-    fitted = uncertainty_section(stated, plate.problem.robot, fit)  # what a calibration writes
-    assert fitted == {"covariance": "c.csv", **ERRORS}
-    assert plate.problem.of_robot().workpiece_sources.empty
-    assert "workpiece" not in plate.problem.of_robot().to_dict()["uncertainty"]
-
-
 @pytest.mark.parametrize(
     ("errors", "said"),
     [
@@ -274,5 +218,64 @@ def test_files_keep_what_is_stated_of_the_workpiece(plate):
     ],
 )
 def test_what_is_no_error_of_a_workpiece_is_refused(errors, said):
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(po.errors.InputError, match=said):
         problem(errors, position=["0.6 m", "0.2 m", "0.1 m"])
+
+
+# --- A workpiece with a shape: kept clear of where it is fixed, checked where it was put, in the scene in any case ----
+
+WALL = {"file": "wall.stl", "unit": "mm"}
+
+
+def wall(folder: Path) -> None:
+    """A block of 60 x 40 x 100 mm beside the hole at the origin: 30 mm away from it along x."""
+    trimesh.creation.box((60, 40, 100)).apply_translation([60, 0, 0]).export(folder / "wall.stl")
+
+
+def planar(folder: Path, **workpiece: object) -> po.Problem:
+    """The lecture's arm with links of 20 mm radius, and a part with one hole."""
+    data = po.load_problem("insert_planar_2r").to_dict()
+    data["robot"]["shape"] = {"radius": "20 mm"}
+    data["task"] = {
+        "kind": "insert", "direction": [0, -1, 0], "workpiece": {"x": "1.2 m", "y": "0.4 m", **workpiece},
+        "features": [{"name": "hole", "position": ["0 m", "0 m", "0 m"]}],
+    }  # fmt: skip
+    (folder / "problem.yaml").write_text(po.problem_from_dict({**data}, folder=folder).to_yaml(), encoding="utf-8")
+    return po.load_problem(folder / "problem.yaml")
+
+
+def faces(problem: po.Problem) -> np.ndarray:
+    (part,) = (obstacle for obstacle in problem.scene.obstacles if obstacle.name == "workpiece")
+    return part.facets(np.full(3, -9.0), np.full(3, 9.0)).reshape(-1, 3)
+
+
+def test_a_fixed_workpiece_is_an_obstacle_at_its_place(tmp_path: Path) -> None:
+    wall(tmp_path)
+    turned = planar(tmp_path, yaw="90 deg", **WALL)
+    corners = faces(turned)  # a quarter turn: x of the part is y of the world
+    np.testing.assert_allclose(corners.min(axis=0), [1.18, 0.43, -0.05], atol=1e-9)
+    np.testing.assert_allclose(corners.max(axis=0), [1.22, 0.49, 0.05], atol=1e-9)
+
+
+@pytest.mark.long
+def test_the_arm_keeps_clear_of_a_fixed_workpiece(tmp_path: Path) -> None:
+    wall(tmp_path)
+    beside, free = po.select_posture(planar(tmp_path, **WALL)), po.select_posture(planar(tmp_path))
+    assert beside.clearance is not None
+    assert beside.clearance.cell is not None
+    assert beside.clearance.cell.distance > 0
+    assert beside.sigma_max >= free.sigma_max - 1e-9  # one more requirement cannot help
+
+
+@pytest.mark.long
+def test_a_workpiece_that_is_put_is_checked_there(tmp_path: Path) -> None:
+    wall(tmp_path)
+    problem = planar(tmp_path, x=["1.1 m", "1.2 m"], **WALL)
+    assert problem.part is None
+    found = po.select_posture(problem)
+    assert found.placement is not None
+    corners = faces(found.problem)
+    assert corners[:, 0].min() == pytest.approx(found.placement.w[0] + 0.03, abs=1e-9)
+    assert any("chosen without looking at it" in str(note) for note in found.notes)
+    hit = found.clearance.cell.distance <= 0
+    assert hit == ("collision.workpiece-hit" in said(found))
