@@ -239,7 +239,8 @@ class _FeaturesSelection:
             return solved
         options = []
         for s in solved:
-            alike = [a for a in s.optima if a.sigma_max <= (1 + 1e-4) * s.critical.sigma_max]
+            among = s.optima if s.best_of_all is None else ()  # an ordinary posture has no ties among all
+            alike = [a for a in among if a.sigma_max <= (1 + 1e-4) * s.critical.sigma_max]
             options.append(np.array([s.q, *(list(a.posture.values()) for a in alike)]))
         chosen = nearest_ties(solved[0].optimisation_problem.robot, options)
         return [replace(s, q=each[k]) if k else s for s, each, k in zip(solved, options, chosen, strict=True)]
