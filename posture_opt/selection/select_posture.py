@@ -55,7 +55,8 @@ def select_posture(
         seed: of the random starts; the same seed gives the same answer. Default: the problem's.
         workers: processes that share the search; the answer does not depend on it.
         progress: called with (done, most) batches, or parts of a path's search.
-        ordinary: share [1] that an ordinary posture may be worse than the best and come first; default: the task's.
+        ordinary: share [1] that an ordinary posture of one target may be worse than the best and come first, 0 never;
+            default: the task's.
 
     Returns:
         ``Solution``: ``posture`` (JOINT: rad or m), ``covariance`` (3, 3) [m²], ``sigma_max`` [m],

@@ -134,7 +134,7 @@ class _FeaturesSelection:
         first = self.task.features[0]
         clearances = [c for c in (self.task.clearance, *(f.clearance for f in self.task.features)) if c is not None]
         given = {
-            "features": (), "workpiece": None, "combine": "worst", "position": first.position,
+            "features": (), "workpiece": None, "combine": "worst", "position": first.position, "ordinary": 0.0,
             "direction": first.direction or self.task.direction, "clearance": next(iter(clearances), None),
             **({"criterion": "miss"} if self.task.combine == "success" else {}),
         }  # fmt: skip
@@ -239,8 +239,7 @@ class _FeaturesSelection:
             return solved
         options = []
         for s in solved:
-            among = s.optima if s.best_of_all is None else ()  # an ordinary posture has no ties among all
-            alike = [a for a in among if a.sigma_max <= (1 + 1e-4) * s.critical.sigma_max]
+            alike = [a for a in s.optima if a.sigma_max <= (1 + 1e-4) * s.critical.sigma_max]
             options.append(np.array([s.q, *(list(a.posture.values()) for a in alike)]))
         chosen = nearest_ties(solved[0].optimisation_problem.robot, options)
         return [replace(s, q=each[k]) if k else s for s, each, k in zip(solved, options, chosen, strict=True)]

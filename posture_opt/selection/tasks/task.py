@@ -85,7 +85,7 @@ class Task(Spec):
     )
     criterion: Criterion = "worst"
     ordinary: Annotated[Share, Field(ge=0, lt=1)] = Field(
-        0.03, description="by how much an ordinary posture may be worse than the best of all and come first; 0: never"
+        0.03, description="share that an ordinary posture of one target may be worse and come first; 0: never"
     )
     minimize: tuple[TermSpec, ...] = Field((), description="terms to minimise beside it, with weights")
     subject_to: tuple[TermSpec, ...] = Field((), description="terms to keep within bounds")
