@@ -1,25 +1,118 @@
-"""What an ordinary posture is: away from the limits of its joints, its front to the tool.
+"""What an ordinary posture is: away from the limits of its joints, its front to the tool, the elbow of six joints up.
 
-It is a rule in two requirements, ``limit_margin`` and ``facing``; a term of the same kind that the task states replaces
-it. The margin narrows the ranges of the joints, which the search draws its starts from.
+The margin narrows the ranges of the joints, which the search draws its starts from; the others are terms.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import ClassVar, Literal
 
+import casadi as ca
 import numpy as np
 
 from posture_opt.model.arm import Arm
+from posture_opt.model.chain import (
+    Scalar,
+    Vector,
+    Walk,
+    add,
+    cos_sin,
+    cross,
+    dot,
+    factor_values,
+    fixed_pose,
+    scale,
+    subtract,
+    walk,
+)
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE
 from posture_opt.selection.tasks import Task
-from posture_opt.selection.terms.facing import Facing, front_cosine, has_front
+from posture_opt.selection.terms.term import LowerBoundedTerm, Quantities
 
 _MARGIN = math.radians(5.0)  # room to approach, retract and touch up from there
 _RANGE_SHARE = 0.1  # of a short range that either margin takes at most
+_PARALLEL = 0.98  # cosine: corrections lean axes by less
+
+
+class Facing(LowerBoundedTerm):
+    """Cosine of the angle about the first axis from the front of the arm to the tool point.
+
+    The front is the x axis of the base (ISO 9787), turned by the first joint.
+    """
+
+    summary: ClassVar[str] = "angle about the first axis from the front of the arm to the tool point"
+    unit: ClassVar[str] = "rad"
+
+    kind: Literal["facing"] = "facing"
+    at_least: float = 0.0
+
+    @staticmethod
+    def fits(robot: Robot) -> bool:
+        """Whether the first joint turns about the z axis of the base."""
+        first, at = robot.factors[robot.driven[0]], fixed_pose(robot.factors[: robot.driven[0]])
+        return first.kind == "rotate" and abs(float(at[:3, first.axis] @ fixed_pose(robot.base)[:3, 2])) > _PARALLEL
+
+    @staticmethod
+    def value(robot: Robot, reached: Walk, turn: Scalar) -> Scalar:
+        """``f·r / |r|``: front f, and r the part of the way from the first axis to the tool that is across it."""
+        screw, (x, y, z) = reached.screws[robot.driven[0]], fixed_pose(robot.base)[:3, 0].tolist()
+        c, s = cos_sin(turn)
+        front = add(scale(c, (x, y, z)), scale(s, cross(screw.axis, (x, y, z))))
+        across = _without(subtract(reached.position, screw.origin), screw.axis)
+        return dot(front, across) / (dot(across, across) + 1e-12) ** 0.5  # on the axis no side is in front
+
+    def quantity(self, at: Quantities) -> ca.SX:
+        return ca.SX(self.value(at.robot, at.walk, at.q[0]))
+
+    def shown(self, value: float) -> float:
+        return math.acos(min(max(value, -1.0), 1.0))
+
+
+class ElbowUp(LowerBoundedTerm):
+    """Height [m] of the elbow above the line from shoulder to wrist, along the z axis of the base."""
+
+    summary: ClassVar[str] = "height of the elbow above the line from shoulder to wrist"
+    unit: ClassVar[str] = "m"
+
+    kind: Literal["elbow_up"] = "elbow_up"
+    at_least: float = 0.0
+
+    @staticmethod
+    def fits(robot: Robot) -> bool:
+        """Whether six joints turn, the second and the third about parallel axes across the first."""
+        if robot.n != 6 or any(joint.type != "revolute" for joint in robot.joints):
+            return False
+        first, second, third, *_ = _axes(robot, walk(robot.factors, factor_values(robot.factors, [0.3] * 6)))
+        return bool(abs(dot(second, third)) > _PARALLEL and abs(dot(first, second)) < 1 - _PARALLEL)
+
+    @staticmethod
+    def value(robot: Robot, reached: Walk, turn: Scalar) -> Scalar:
+        """``e·u − (e·l)(l·u) / l·l`` in the plane across the second axis: way e to the elbow, l to the wrist, up u."""
+        o, (_, second, _, _, fifth, _) = [reached.screws[i].origin for i in robot.driven], _axes(robot, reached)
+        # Of a spherical wrist the point in which the last axes meet, at right angles
+        wrist = add(o[4], scale(dot(subtract(o[5], o[4]), fifth), fifth))
+        elbow, line = (_without(subtract(point, o[1]), second) for point in (o[2], wrist))
+        up = fixed_pose(robot.base)[:3, 2].tolist()
+        return dot(elbow, up) - dot(elbow, line) * dot(line, up) / (dot(line, line) + 1e-12)
+
+    def quantity(self, at: Quantities) -> ca.SX:
+        return ca.SX(self.value(at.robot, at.walk, at.q[0]))
+
+
+def _axes(robot: Robot, reached: Walk) -> list[Vector]:
+    return [reached.screws[i].axis for i in robot.driven]
+
+
+def _without(vector: Vector, axis: Vector) -> Vector:
+    """The part of a vector across a unit axis."""
+    return subtract(vector, scale(dot(vector, axis), axis))
+
+
+_Posed = Facing | ElbowUp
 
 
 @dataclass(frozen=True)
@@ -28,24 +121,26 @@ class OrdinaryRule:
 
     lower: Array
     upper: Array
-    terms: tuple[Facing, ...]
+    terms: tuple[_Posed, ...]
 
     @classmethod
     def of(cls, task: Task, robot: Robot) -> OrdinaryRule:
-        """The rule for a task; everything is ordinary of an arm of two joints, as drawn on paper."""
-        stated, spatial = {term.kind for term in task.subject_to}, robot.n > 2
+        """The rule for a task, whose own ``limit_margin`` replaces that of the rule.
+
+        All postures of an arm of two joints, as drawn on paper, are ordinary.
+        """
+        spatial, stated = robot.n > 2, any(term.kind == "limit_margin" for term in task.subject_to)
         lower, upper = np.array(robot.lower), np.array(robot.upper)
-        turns = np.array([joint.type == "revolute" for joint in robot.joints])
+        turns = np.array([joint.type == "revolute" for joint in robot.joints]) & spatial & (not stated)
         margin = np.where(turns, np.minimum(_MARGIN, _RANGE_SHARE * (upper - lower)), 0.0)
-        margin *= spatial and "limit_margin" not in stated
-        faces = spatial and "facing" not in stated and has_front(robot)
-        return cls(lower + margin, upper - margin, (Facing(kind="facing"),) * faces)
+        kinds: list[type[_Posed]] = [Facing, ElbowUp] if spatial and Facing.fits(robot) else []
+        return cls(lower + margin, upper - margin, tuple(kind() for kind in kinds if kind.fits(robot)))
 
     def met(self, arm: Arm, q: Array) -> bool:
         """Whether a posture (n,) [rad or m] is ordinary."""
-        if np.any((q < self.lower - ROW_TOLERANCE) | (q > self.upper + ROW_TOLERANCE)):
-            return False
-        return all(front_cosine(arm.robot, arm.walk(q), q[0]) >= t.bounds()[0] - ROW_TOLERANCE for t in self.terms)
+        reached = arm.walk(q)
+        inside = np.all((q >= self.lower - ROW_TOLERANCE) & (q <= self.upper + ROW_TOLERANCE))
+        return bool(inside) and all(t.value(arm.robot, reached, float(q[0])) >= -ROW_TOLERANCE for t in self.terms)
 
     def narrowed(self, arm: Arm) -> Arm:
         """The arm whose joints have the ranges of the rule as limits."""

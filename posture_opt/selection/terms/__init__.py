@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from posture_opt.selection.terms.facing import Facing
 from posture_opt.selection.terms.fixed_joints import FixedJoints
 from posture_opt.selection.terms.joint_torque import JointTorque
 from posture_opt.selection.terms.limit_margin import LimitMargin
@@ -23,7 +22,6 @@ TERMS: tuple[type[Term], ...] = (
     OrientationSpread,
     Success,
     LimitMargin,
-    Facing,
     LinkHeight,
     SingularityMargin,
     Manipulability,
