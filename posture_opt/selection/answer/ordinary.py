@@ -6,6 +6,7 @@ The margin narrows the ranges of the joints, which the search draws its starts f
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
@@ -38,17 +39,34 @@ _RANGE_SHARE = 0.1  # of a short range that either margin takes at most
 _PARALLEL = 0.98  # cosine: corrections lean axes by less
 
 
-class Facing(LowerBoundedTerm):
+class _Posed(LowerBoundedTerm):
+    """A quantity of ordinary postures that is not below zero."""
+
+    at_least: float = 0.0
+
+    @staticmethod
+    @abstractmethod
+    def fits(robot: Robot) -> bool:
+        """Whether an arm has the quantity."""
+
+    @staticmethod
+    @abstractmethod
+    def value(robot: Robot, reached: Walk, first: Scalar) -> Scalar:
+        """The quantity at a walk, with the value of the first joint: numbers, or symbols of CasADi."""
+
+    def quantity(self, at: Quantities) -> ca.SX:
+        return ca.SX(self.value(at.robot, at.walk, at.q[0]))
+
+
+class Facing(_Posed):
     """Cosine of the angle about the first axis from the front of the arm to the tool point.
 
     The front is the x axis of the base (ISO 9787), turned by the first joint.
     """
 
-    summary: ClassVar[str] = "angle about the first axis from the front of the arm to the tool point"
     unit: ClassVar[str] = "rad"
 
     kind: Literal["facing"] = "facing"
-    at_least: float = 0.0
 
     @staticmethod
     def fits(robot: Robot) -> bool:
@@ -57,29 +75,24 @@ class Facing(LowerBoundedTerm):
         return first.kind == "rotate" and abs(float(at[:3, first.axis] @ fixed_pose(robot.base)[:3, 2])) > _PARALLEL
 
     @staticmethod
-    def value(robot: Robot, reached: Walk, turn: Scalar) -> Scalar:
+    def value(robot: Robot, reached: Walk, first: Scalar) -> Scalar:
         """``f·r / |r|``: front f, and r the part of the way from the first axis to the tool that is across it."""
         screw, (x, y, z) = reached.screws[robot.driven[0]], fixed_pose(robot.base)[:3, 0].tolist()
-        c, s = cos_sin(turn)
+        c, s = cos_sin(first)
         front = add(scale(c, (x, y, z)), scale(s, cross(screw.axis, (x, y, z))))
         across = _without(subtract(reached.position, screw.origin), screw.axis)
         return dot(front, across) / (dot(across, across) + 1e-12) ** 0.5  # on the axis no side is in front
-
-    def quantity(self, at: Quantities) -> ca.SX:
-        return ca.SX(self.value(at.robot, at.walk, at.q[0]))
 
     def shown(self, value: float) -> float:
         return math.acos(min(max(value, -1.0), 1.0))
 
 
-class ElbowUp(LowerBoundedTerm):
+class ElbowUp(_Posed):
     """Height [m] of the elbow above the line from shoulder to wrist, along the z axis of the base."""
 
-    summary: ClassVar[str] = "height of the elbow above the line from shoulder to wrist"
     unit: ClassVar[str] = "m"
 
     kind: Literal["elbow_up"] = "elbow_up"
-    at_least: float = 0.0
 
     @staticmethod
     def fits(robot: Robot) -> bool:
@@ -90,7 +103,7 @@ class ElbowUp(LowerBoundedTerm):
         return bool(abs(dot(second, third)) > _PARALLEL and abs(dot(first, second)) < 1 - _PARALLEL)
 
     @staticmethod
-    def value(robot: Robot, reached: Walk, turn: Scalar) -> Scalar:
+    def value(robot: Robot, reached: Walk, first: Scalar) -> Scalar:
         """``e·u − (e·l)(l·u) / l·l`` in the plane across the second axis: way e to the elbow, l to the wrist, up u."""
         o, (_, second, _, _, fifth, _) = [reached.screws[i].origin for i in robot.driven], _axes(robot, reached)
         # Of a spherical wrist the point in which the last axes meet, at right angles
@@ -98,9 +111,6 @@ class ElbowUp(LowerBoundedTerm):
         elbow, line = (_without(subtract(point, o[1]), second) for point in (o[2], wrist))
         up = fixed_pose(robot.base)[:3, 2].tolist()
         return dot(elbow, up) - dot(elbow, line) * dot(line, up) / (dot(line, line) + 1e-12)
-
-    def quantity(self, at: Quantities) -> ca.SX:
-        return ca.SX(self.value(at.robot, at.walk, at.q[0]))
 
 
 def _axes(robot: Robot, reached: Walk) -> list[Vector]:
@@ -110,9 +120,6 @@ def _axes(robot: Robot, reached: Walk) -> list[Vector]:
 def _without(vector: Vector, axis: Vector) -> Vector:
     """The part of a vector across a unit axis."""
     return subtract(vector, scale(dot(vector, axis), axis))
-
-
-_Posed = Facing | ElbowUp
 
 
 @dataclass(frozen=True)
@@ -133,7 +140,7 @@ class OrdinaryRule:
         lower, upper = np.array(robot.lower), np.array(robot.upper)
         turns = np.array([joint.type == "revolute" for joint in robot.joints]) & spatial & (not stated)
         margin = np.where(turns, np.minimum(_MARGIN, _RANGE_SHARE * (upper - lower)), 0.0)
-        kinds: list[type[_Posed]] = [Facing, ElbowUp] if spatial and Facing.fits(robot) else []
+        kinds: list[type[Facing] | type[ElbowUp]] = [Facing, ElbowUp] if spatial and Facing.fits(robot) else []
         return cls(lower + margin, upper - margin, tuple(kind() for kind in kinds if kind.fits(robot)))
 
     def met(self, arm: Arm, q: Array) -> bool:

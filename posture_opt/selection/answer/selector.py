@@ -6,7 +6,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Protocol, get_args
+from typing import get_args
 
 import numpy as np
 
@@ -52,6 +52,7 @@ from posture_opt.selection.search.relaxation import Change, with_changes
 from posture_opt.selection.search.search_outcome import (
     SearchOutcome,
     SearchStatistics,
+    Seek,
     Sweep,
     clear_ones,
     confirmed,
@@ -65,15 +66,9 @@ from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.uncertainty.spread.task_spread import lies_in_plane
 
 
-class TargetSeek(Protocol):
-    """A search with the functions of one engine, at one target."""
-
-    def __call__(self, engine: Engine, target: TaskTarget) -> tuple[MultistartResult, Sweep | None]: ...
-
-
 @dataclass(frozen=True)
 class _Request:
-    seek: TargetSeek
+    seek: Seek
     began: float  # when it was asked [s]
     confirm: bool  # whether IPOPT is started at the answer
     share: float  # that an ordinary posture may be worse
@@ -195,7 +190,9 @@ class PostureSelector:
 
         def seek(engine: Engine, target: TaskTarget) -> tuple[MultistartResult, Sweep | None]:
             found = until_found_often(engine, target, np.random.default_rng(seed), starts)
-            return found if known is None else found.with_known(engine, known), None
+            if known is not None:
+                found = found.with_known(engine, np.clip(known, engine.robot.lower, engine.robot.upper))
+            return found, None
 
         return self._solved(self._request(seek, confirm, ordinary), target)
 
@@ -230,11 +227,10 @@ class PostureSelector:
         workers: int = 1,
         progress: Progress | None = None,
         target: TaskTarget | None = None,
-        ordinary: float | None = None,
     ) -> Solution:
         """The best posture with the evidence that it is: found again by independent starts, the freedom left swept.
 
-        At the target of the task, or at another one; ``ordinary`` as of `solve`.
+        At the target of the task, or at another one.
         """
         solver, aim = self._problem.solver, self.target if target is None else target
         first = solver.seed if seed is None else seed
@@ -243,9 +239,9 @@ class PostureSelector:
             found = until_recurrence(engine, target, first, solver.starts, workers, progress)
             return found, sweep(engine, found.target, np.random.default_rng(first)) if found.found else None
 
-        return self._solved(self._request(seek, True, ordinary), aim)
+        return self._solved(self._request(seek, confirm=True), aim)
 
-    def _request(self, seek: TargetSeek, confirm: bool, ordinary: float | None) -> _Request:
+    def _request(self, seek: Seek, confirm: bool, ordinary: float | None = None) -> _Request:
         return _Request(seek, time.perf_counter(), confirm, self.task.ordinary if ordinary is None else ordinary)
 
     def _solved(self, asked: _Request, target: TaskTarget) -> Solution:
@@ -273,7 +269,7 @@ class PostureSelector:
         if not costs_at_most(asked.share, objective, least):
             return best
         answer = self._ordinary._answer(found, asked)
-        return answer.beside(best) if answer.status == best.status else best
+        return answer.beside(best) if answer.status in ("optimal", best.status) else best
 
     @cached_property
     def _rule(self) -> OrdinaryRule:
@@ -305,11 +301,11 @@ class PostureSelector:
             return None
         return PostureSelector(problem, compiled=self._compiled, keeps_mounting=kept, explains=self._explains)
 
-    def _searched(self, seek: TargetSeek, target: TaskTarget, exact: bool = False) -> SearchOutcome:
+    def _searched(self, seek: Seek, target: TaskTarget, exact: bool = False) -> SearchOutcome:
         free, scene = self.engine(target, guarded=False), self._problem.scene
         exact = exact and self._has_exact(free)
         guarded = partial(self.engine_of_all, [target], True, exact)
-        return searched(partial(seek, target=target), free, guarded, self._slack if exact else scene)
+        return searched(seek, target, free, guarded, self._slack if exact else scene)
 
     def clear_engine(self, target: TaskTarget) -> Engine:
         """The functions that keep the arm clear at least cost: by exact distances in C, or by rows without a compiler.

@@ -74,7 +74,7 @@ def _noted(found: Solution) -> tuple[Statement, ...]:
 
 
 def _posture(found: Solution) -> tuple[Statement, ...]:
-    best = found.best_of_all
+    best = found.best_of_all if abs(found.gain_of_best) >= NO_GAIN else None
     name, beside = ("best-posture", []) if best is None else ("ordinary-posture", [_best_of_all(found, best)])
     return (
         state(f"selection.{name}", sigma=Quantity(found.sigma_max), part=part_of(found)),
