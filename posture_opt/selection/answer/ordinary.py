@@ -52,7 +52,7 @@ class _Posed(LowerBoundedTerm):
     @staticmethod
     @abstractmethod
     def value(robot: Robot, reached: Walk, first: Scalar) -> Scalar:
-        """The quantity at a walk, with the value of the first joint: numbers, or symbols of CasADi."""
+        """The quantity at a walk, with the value of the first joint."""
 
     def quantity(self, at: Quantities) -> ca.SX:
         return ca.SX(self.value(at.robot, at.walk, at.q[0]))
@@ -129,25 +129,28 @@ class OrdinaryRule:
     lower: Array
     upper: Array
     terms: tuple[_Posed, ...]
+    values: ca.Function  # q (n,) -> the quantities of the terms
 
     @classmethod
-    def of(cls, task: Task, robot: Robot) -> OrdinaryRule:
+    def of(cls, task: Task, arm: Arm) -> OrdinaryRule:
         """The rule for a task, whose own ``limit_margin`` replaces that of the rule.
 
         All postures of an arm of two joints, as drawn on paper, are ordinary.
         """
+        robot, q, reached = arm.robot, arm.q, arm.walk(arm.q)
         spatial, stated = robot.n > 2, any(term.kind == "limit_margin" for term in task.subject_to)
         lower, upper = np.array(robot.lower), np.array(robot.upper)
         turns = np.array([joint.type == "revolute" for joint in robot.joints]) & spatial & (not stated)
         margin = np.where(turns, np.minimum(_MARGIN, _RANGE_SHARE * (upper - lower)), 0.0)
         kinds: list[type[Facing] | type[ElbowUp]] = [Facing, ElbowUp] if spatial and Facing.fits(robot) else []
-        return cls(lower + margin, upper - margin, tuple(kind() for kind in kinds if kind.fits(robot)))
+        terms = tuple(kind() for kind in kinds if kind.fits(robot))
+        values = ca.vertcat(ca.SX(0, 1), *(term.value(robot, reached, q[0]) for term in terms))
+        return cls(lower + margin, upper - margin, terms, ca.Function("ordinary", [q], [values]))
 
-    def met(self, arm: Arm, q: Array) -> bool:
+    def met(self, q: Array) -> bool:
         """Whether a posture (n,) [rad or m] is ordinary."""
-        reached = arm.walk(q)
         inside = np.all((q >= self.lower - ROW_TOLERANCE) & (q <= self.upper + ROW_TOLERANCE))
-        return bool(inside) and all(t.value(arm.robot, reached, float(q[0])) >= -ROW_TOLERANCE for t in self.terms)
+        return bool(inside) and bool(np.all(np.asarray(self.values(q)) >= -ROW_TOLERANCE))
 
     def narrowed(self, arm: Arm) -> Arm:
         """The arm whose joints have the ranges of the rule as limits."""

@@ -259,7 +259,7 @@ class PostureSelector:
         """The best posture of all, or the best ordinary one where it costs no more than the share that is asked."""
         rule = self._rule if asked.share else None
         best = self._answer(outcome, asked, rule)
-        if rule is None or rule.met(self.tool_point.arm, best.q):
+        if rule is None or rule.met(best.q):
             return best
         found = self._ordinary._searched(asked.seek, best.target, exact=not asked.confirm)
         if not found.feasible:
@@ -273,7 +273,7 @@ class PostureSelector:
 
     @cached_property
     def _rule(self) -> OrdinaryRule:
-        return OrdinaryRule.of(self.task, self.tool_point.robot)
+        return OrdinaryRule.of(self.task, self.tool_point.arm)
 
     @cached_property
     def _ordinary(self) -> PostureSelector:
@@ -341,7 +341,7 @@ class PostureSelector:
         feasible = outcome.feasible or self._rescued(found, began)
         if rule is not None:  # of optima that are as good as the best
             alike = (k for k, c in enumerate(feasible) if c.optimal and c.objective <= as_good(feasible[0].objective))
-            k = next((k for k in alike if rule.met(self.tool_point.arm, feasible[k].q)), 0)
+            k = next((k for k in alike if rule.met(feasible[k].q)), 0)
             feasible = [feasible[k], *feasible[:k], *feasible[k + 1 :]]
         best, confirmation = feasible[0], None
         if asked.confirm:
