@@ -296,6 +296,19 @@ JointValue = Annotated[
 ]
 
 
+def parse_share(value: object) -> float:
+    """The number of a share such as ``"3 %"`` or 0.03.
+
+    Example:
+        >>> parse_share("3 %"), parse_share(0.03)
+        (0.03, 0.03)
+    """
+    match = None if isinstance(value, bool) else _NUMBER.match(str(value))
+    if match is None or match[2] not in ("", "%"):
+        raise BadValueError(f"{as_given(value)} is no share", "write for example 3 %")
+    return float(match[1]) / (100.0 if match[2] else 1.0)
+
+
 def parse_celsius(value: object) -> float:
     """The temperature [degC] of a text such as ``"23.5 degC"``."""
     match = _NUMBER.match(value) if isinstance(value, str) else None
@@ -374,6 +387,7 @@ def shown(value: float, dimension: str, std: float = math.nan) -> str:
 
 if TYPE_CHECKING:
     Celsius = float
+    Share = float
     Length = float
     Angle = float
     Mass = float
@@ -386,6 +400,8 @@ else:
     Celsius = Annotated[
         float, BeforeValidator(parse_celsius), WithJsonSchema({"type": "string", "examples": ["23.5 degC"]})
     ]
+    _share = {"type": ["string", "number"], "description": "share: 0.03, or 3 %", "examples": ["3 %"]}
+    Share = Annotated[float, BeforeValidator(parse_share), WithJsonSchema(_share)]
     Length = _quantity_type("length")
     Angle = _quantity_type("angle")
     Mass = _quantity_type("mass")

@@ -73,7 +73,7 @@ def _solved(selector: Any, point: np.ndarray) -> tuple[float, float]:
     """Processor time [s] of one solve and its standard deviation, NaN where there is no answer."""
     began = time.process_time()
     try:
-        sigma = selector.solve(position=tuple(map(float, point))).sigma_max
+        sigma = selector.solve(position=tuple(map(float, point)), ordinary=0.0).sigma_max
     except po.errors.NoSolutionError:
         sigma = np.nan
     return time.process_time() - began, sigma

@@ -32,7 +32,7 @@ def build(arm: Arm) -> Solve:
 
     def solve(position: Array) -> Array | None:
         try:
-            solution = selector.solve(position=tuple(position))
+            solution = selector.solve(position=tuple(position), ordinary=0.0)
         except po.errors.NoSolutionError:  # the judge counts a false word as a failure
             return None
         return np.array([solution.posture[joint] for joint in arm.joints])

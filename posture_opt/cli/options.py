@@ -91,6 +91,7 @@ def task_options(command: Command) -> Command:
         ),
         click.option("--tilt", metavar="TEXT", help='Largest angle between both: "5 deg".'),
         click.option("--clearance", metavar="TEXT", help='Radial play of the hole: "0.2 mm".'),
+        click.option("--ordinary", metavar="TEXT", help='Share that an ordinary posture may cost.  [default: "3 %"]'),
         click.option("--limit-margin", metavar="TEXT", help='Smallest distance of joints from their limits: "5 deg".'),
         click.option("--link-height", metavar="TEXT", help='Smallest height of all links in the world: "50 mm".'),
     )

@@ -28,7 +28,7 @@ _OPTION_OF: dict[KeyPath, str] = {
     ("uncertainty", "sigma"): "--sigma",
     ("uncertainty",): "--sigma",
     ("data", "columns"): "--column",
-    **{("task", key): f"--{key}" for key in ("position", "direction", "region", "clearance", "tilt")},
+    **{("task", key): f"--{key}" for key in ("position", "direction", "region", "clearance", "tilt", "ordinary")},
     ("task", "tool_axis"): "--tool-axis",
     **{("robot", key): f"--{key}".replace("_", "-") for key in ("base_link", "tip_link", "tool", "base", "payload")},
 }
@@ -160,7 +160,7 @@ def requested_problem(
 
 def _goal(given: Mapping[str, str | None]) -> dict[str, Any]:
     stated = {key: text for key, text in given.items() if text}
-    goal: dict[str, Any] = {key: stated[key] for key in ("clearance", "tilt") if key in stated}
+    goal: dict[str, Any] = {key: stated[key] for key in ("clearance", "tilt", "ordinary") if key in stated}
     goal |= {key: entries(stated[key]) for key in ("position", "direction", "tool_axis") if key in stated}
     if "region" in stated:
         low, _, high = stated["region"].partition(" to ")

@@ -51,7 +51,7 @@ def target_task(problem: ProblemData, near: Array, p: Array, *, spun: bool, free
     task, term = problem.task, NearPosture(kind="near_posture", posture=posture)
     axis = "free" if free else "aligned" if spun else "free" if task is None else task.axis_request
     asked = TargetTask(kind="custom", axis=axis, criterion="none", minimize=(term,), oriented=spun and not free)
-    asked = asked.model_copy(update={"position": tuple(map(float, p))})
+    asked = asked.model_copy(update={"position": tuple(map(float, p)), "ordinary": 0.0})
     if task is None:
         return asked
     kept = {"direction": task.direction, "tool_axis": task.tool_axis, "subject_to": task.subject_to}

@@ -39,7 +39,7 @@ ALWAYS += ("dh5/margin/0/0", "dh6/region/0/0", "dh7/probe/0/0", "dh7/miss_tilt/0
 
 
 def answer(case: Case) -> Any:
-    return po.PostureSelector(po.problem_from_dict(case.document), compiled=False).solve()
+    return po.PostureSelector(po.problem_from_dict(case.document), compiled=False).solve(ordinary=0.0)
 
 
 @pytest.mark.parametrize("key", conformance(BEST_KNOWN, ALWAYS))

@@ -107,7 +107,7 @@ def test_no_sampled_posture_beats_the_answer(criterion: str) -> None:
     """A Panda at a fixed hole: 300 random postures on the same target, judged by finite differences."""
     task = {"position": ["0.45 m", "0.1 m", "0.25 m"], "criterion": criterion, "clearance": "0.4 mm"}
     given = problem("panda", task, tool={"xyz": ["0 m", "0 m", "0.2 m"], "rpy": ["0 deg", "0 deg", "0 deg"]})
-    solution = po.select_posture(given)
+    solution = po.select_posture(given, ordinary=0.0)
     sigma = dict(zip(given.sources.names, given.sources.sigma, strict=True))
     B = across(np.array([0.0, 0.0, -1.0]))
 
@@ -183,6 +183,20 @@ def test_the_floor_is_below_every_answer_and_is_the_base_joint_times_the_radius(
         assert solution.lower_bound.source == "panda_joint1.theta"
         assert solution.lower_bound.sigma == pytest.approx(0.3e-3 * np.hypot(*point[:2]), rel=1e-5)
         assert solution.lower_bound.sigma <= solution.critical.sigma_max
+
+
+def test_gain_and_statistics_are_those_of_the_starts() -> None:
+    solution = po.select_posture(problem("panda", {"position": ["0.45 m", "0.1 m", "0.25 m"]}), ordinary=0.0)
+    statistics = solution.statistics
+    assert solution.critical.sigma_max <= statistics.typical <= statistics.worst
+    assert 0 < statistics.hits <= statistics.polished
+    assert 2 <= statistics.recurred <= statistics.batches
+    assert statistics.polished == 32 * statistics.batches
+    assert statistics.distinct >= len(solution.alternatives) >= 1
+    sigmas = [a.sigma_max for a in solution.alternatives]
+    # Ranked by the smoothed objective: equal to its sixth digit is equal.
+    assert np.all(np.diff(sigmas) >= -1e-5 * sigmas[0])
+    assert sigmas[0] == pytest.approx(solution.critical.sigma_max, rel=1e-9)
 
 
 def test_success_probability_is_that_of_a_cloud() -> None:

@@ -60,7 +60,7 @@ def checks_block(solution: Solution) -> Block:
 
 def explain_report(solution: Solution) -> Document:
     """The nonlinear program as it was solved: objective, variables, rows and target with their values."""
-    nlp = solution.optimisation_problem.nlp
+    nlp = (solution.engine or solution).optimisation_problem.nlp
     values = Values.of(nlp, solution.q, solution.target.parameters)
     terms = [(name, _plain(float(value))) for (name, _), value in zip(nlp.terms, values.terms, strict=True)]
     bounded = "at least", "value", "at most", ""

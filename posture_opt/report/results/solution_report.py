@@ -161,8 +161,9 @@ class SolutionPresenter(Presenter["Solution"]):
             failed, joints = found.status == "infeasible", found.optimisation_problem.robot.joint_names
             others = () if failed else found.alternatives[1:]
             every = [found, *(replace(found, q=np.array([a.posture[name] for name in joints])) for a in others)]
-            ranked = (f"alternative {rank}" for rank in range(2, len(every) + 1))
-            names = ("nearest posture" if failed else "best posture", *ranked)
+            first = ("best posture",) if found.best_of_all is None else ("ordinary posture", "best posture of all")
+            ranked = (f"alternative {rank}" for rank in range(len(first) + 1, len(every) + 1))
+            names = ("nearest posture",) if failed else (*first, *ranked)
         postures = scene_of("posture_views").solution_postures(every, names, stem)
         if path:
             unit, factor = length_unit([float(s) for s in found.motion.sigma])

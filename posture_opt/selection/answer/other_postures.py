@@ -15,7 +15,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from posture_opt.model.chain import Vector, factor_values, stack, walk
+from posture_opt.model.chain import Vector, factor_values, fixed_pose, stack, walk
 from posture_opt.model.compiled import BatchFunction
 from posture_opt.numerics import Array, Json, Mask
 from posture_opt.robot.posture import Posture
@@ -46,12 +46,13 @@ def configurations(robot: Robot, Q: Array) -> list[tuple[str, ...]]:
 @dataclass(frozen=True)
 class _Axes:
     """The turning axes of an arm at N postures: directions z (k, N, 3), points on them o (k, N, 3) [m]; directions of
-    slides (s, N, 3), and the tool point (N, 3) [m]."""
+    slides (s, N, 3), and the tool point (N, 3) [m]; up the z axis of the base (3,)."""
 
     z: Array
     o: Array
     slides: Array
     tool: Array
+    up: Array
 
     @classmethod
     def at(cls, robot: Robot, Q: Array) -> _Axes:
@@ -65,10 +66,12 @@ class _Axes:
 
         z, o = ([getattr(screw, name) for screw in screws if screw.rotates] for name in ("axis", "origin"))
         slides = [screw.axis for screw in screws if not screw.rotates]
-        return cls(stacked(z), stacked(o), stacked(slides), stacked([reached.position])[0])
+        return cls(
+            stacked(z), stacked(o), stacked(slides), stacked([reached.position])[0], fixed_pose(robot.base)[:3, 2]
+        )
 
     def rows(self, chosen: slice) -> _Axes:
-        return _Axes(self.z[:, chosen], self.o[:, chosen], self.slides[:, chosen], self.tool[chosen])
+        return _Axes(self.z[:, chosen], self.o[:, chosen], self.slides[:, chosen], self.tool[chosen], self.up)
 
     def parallel(self, i: int, j: int) -> bool:
         return bool(np.all(np.linalg.norm(np.cross(self.z[i], self.z[j]), axis=1) < _PARALLEL))
@@ -137,13 +140,13 @@ def _parallel_wrist(at: _Axes) -> Names:
 
 def _shoulder_elbow_wrist(at: _Axes, wrist: Array, forearm: Array) -> Names:
     """Signs by the ends (N, 3) of wrist and forearm [m]: the side of the second axis, the elbow above or below the line
-    from shoulder to forearm end (first axis up), and the fifth joint's sine.
+    from shoulder to forearm end (base upright), and the fifth joint's sine.
     """
     across = np.cross(at.z[0], at.z[1])
     right = _dot(across, wrist - at.o[0]) > _ROUNDING
     line, bend = forearm - at.o[1], at.o[2] - at.o[1]
     ahead = np.where(right, 1.0, -1.0)[:, None] * across
-    up = _dot(line, ahead) * _dot(bend, at.z[0]) - _dot(line, at.z[0]) * _dot(bend, ahead) > _ROUNDING
+    up = _dot(line, ahead) * (bend @ at.up) - (line @ at.up) * _dot(bend, ahead) > _ROUNDING
     return (
         _either(right, "shoulder right", "shoulder left"),
         _either(up, "elbow up", "elbow down"),

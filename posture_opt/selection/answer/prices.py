@@ -19,6 +19,7 @@ import numpy as np
 
 from posture_opt.model.chain import factor_values, walk
 from posture_opt.numerics import Array, Json, finite_or_none
+from posture_opt.robot.robot import Robot
 from posture_opt.selection.program.nlp import Row
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.program.task_target import TaskTarget
@@ -38,7 +39,7 @@ _SIDES = "lower", "upper"
 class Price:
     """What one unit of a requirement is worth."""
 
-    requirement: str  # tilt, region.x, JOINT.limits, a term, or what is to be kept clear of
+    requirement: str  # tilt, region.x, JOINT.limits, JOINT.range, a term, or what is to be kept clear of
     value: float  # [m] of σ for each unit by which it is loosened
     unit: str  # of the requirement, SI
     side: str  # the end that holds, upper or lower
@@ -89,8 +90,11 @@ class Held:
         return low, high, row_low, row_high
 
 
-def prices_of(engine: Engine, target: TaskTarget, said: Confirmation | None) -> tuple[Price, ...]:
-    """Prices of what holds one posture that a new solve confirms, largest worth first; empty where IPOPT did not."""
+def prices_of(engine: Engine, target: TaskTarget, said: Confirmation | None, robot: Robot) -> tuple[Price, ...]:
+    """Prices of what holds one posture that a new solve confirms, largest worth first; empty where IPOPT did not.
+
+    The ends of joints that are not the limits of the ``robot`` are those of a range: measured, or ordinary.
+    """
     if said is None or not len(said.q) or said.differs:
         return ()
     problem, parameters, found = engine.optimisation_problem, target.parameters, []
@@ -104,7 +108,7 @@ def prices_of(engine: Engine, target: TaskTarget, said: Confirmation | None) -> 
         outcome = engine.confirming.solve(said.q, parameters, ends)
         return engine.screened(outcome.x[None], parameters)[0].sigma if outcome.optimal else math.nan
 
-    for held in held_by(problem, target, said) if sigma > 0 else []:
+    for held in held_by(problem, target, said, robot) if sigma > 0 else []:
         step = 0.1 * held.step  # at most a tenth of a step that people take
         if of_variance:
             value = held.worth * target.scale / (2 * sigma)
@@ -119,10 +123,10 @@ def prices_of(engine: Engine, target: TaskTarget, said: Confirmation | None) -> 
     return tuple(found)
 
 
-def held_by(problem: OptimisationProblem, target: TaskTarget, said: Confirmation) -> list[Held]:
+def held_by(problem: OptimisationProblem, target: TaskTarget, said: Confirmation, robot: Robot) -> list[Held]:
     """What holds a posture, most worth first: inequalities with a multiplier, and a tool axis without any tilt."""
     joined: dict[tuple[str, str, str, float], list[HeldEnd]] = {}
-    for one in (*_axis(problem, said), *_rows(problem, target, said), *_limits(problem, said)):
+    for one in (*_axis(problem, said), *_rows(problem, target, said), *_limits(problem, said, robot)):
         joined.setdefault((one.requirement, one.unit, one.side, one.step), []).extend(one.ends)
     groups = (Held(*key, tuple(ends)) for key, ends in joined.items())
     return sorted(groups, key=lambda held: -abs(held.worth) * held.step)
@@ -174,12 +178,14 @@ def _step(row: Row, bound: float) -> float:
     return float(10.0 ** math.floor(math.log10(0.1 * size))) if size > 0 else 1.0
 
 
-def _limits(problem: OptimisationProblem, said: Confirmation) -> Iterator[Held]:
-    for k, variable in enumerate(problem.nlp.variables):
+def _limits(problem: OptimisationProblem, said: Confirmation, robot: Robot) -> Iterator[Held]:
+    for k, (variable, joint) in enumerate(zip(problem.nlp.variables, robot.joints, strict=True)):
         multiplier = float(said.bound_multipliers[k])
         if variable.lower < variable.upper and abs(multiplier) > _LEAST_MULTIPLIER:  # a joint that is held has none
             end = _end(False, k, multiplier)
-            yield Held(f"{variable.name}.limits", variable.unit, _SIDES[end.upper], _STEPS[variable.unit], (end,))
+            limit = (variable.upper == joint.upper) if end.upper else (variable.lower == joint.lower)
+            name = f"{variable.name}.{'limits' if limit else 'range'}"
+            yield Held(name, variable.unit, _SIDES[end.upper], _STEPS[variable.unit], (end,))
 
 
 def _end(row: bool, index: int, multiplier: float) -> HeldEnd:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import get_args
 
@@ -23,6 +23,7 @@ from posture_opt.selection.answer.infeasible import (
     met_after_all,
     not_met_together,
 )
+from posture_opt.selection.answer.ordinary import OrdinaryRule, costs_at_most
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.answer.target_answer import Status
 from posture_opt.selection.problem_data import ProblemData
@@ -66,6 +67,14 @@ from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.uncertainty.spread.task_spread import lies_in_plane
 
 
+@dataclass(frozen=True)
+class _Request:
+    seek: Seek
+    began: float  # when it was asked [s]
+    confirm: bool  # whether IPOPT is started at the answer
+    share: float  # that an ordinary posture may be worse
+
+
 class PostureSelector:
     """The posture selection of one problem, for repeated solves with other targets.
 
@@ -77,6 +86,7 @@ class PostureSelector:
             dropped for it.
         offers: whether changes that would help are tried where there is no solution.
         explains: whether the reasons are looked for where there is none, which takes longer than the search.
+        rule: what keeps its joints to the ranges of ordinary postures; its terms are not those of the task.
 
     Raises:
         InputError: no task, nothing uncertain, or a task that the arm cannot do.
@@ -96,12 +106,14 @@ class PostureSelector:
         keeps_mounting: bool = False,
         offers: bool = True,
         explains: bool = True,
+        rule: OrdinaryRule | None = None,
     ) -> None:
         self._problem, self._compiled, self._keeps_mounting = problem, compiled, keeps_mounting
         self._offers, self._explains = offers, explains
         self.task: Task = one_target(task_of(problem))
         arm = with_held_joints(problem.arm, self.task)
         arm = arm.within_measured() if problem.within_measured else arm.in_measured_turn()
+        arm = arm if rule is None else rule.narrowed(arm)
         self.tool_point: ToolPoint = ToolPoint.of(arm, sources_of(problem))
         self.reach: Reach = Reach.of(arm, self.task.tool_axis)
         self.target: TaskTarget = TaskTarget.of(self.task, self.reach)
@@ -144,6 +156,7 @@ class PostureSelector:
         seed: int | None = None,
         starts: int | None = None,
         confirm: bool = False,
+        ordinary: float | None = None,
     ) -> Solution:
         """The best posture for the task, or for another position [m], direction or clearance [m], world frame.
 
@@ -155,13 +168,15 @@ class PostureSelector:
             starts: feasible postures that local searches start from; default: as many as it takes to find the best
                 optimum several times.
             confirm: whether IPOPT is started at the answer, and the better of both taken, as `select_posture` does.
+            ordinary: share [1] that an ordinary posture may be worse and come first, 0 never; default: the task's.
 
         Raises:
             NoSolutionError: nothing feasible; carries the nearest posture and the reasons.
             InputError: a target that is not three finite numbers.
         """
         seed = self._problem.solver.seed if seed is None else seed
-        return self.solve_target(self._target(position, direction, clearance), seed, starts, confirm=confirm)
+        target = self._target(position, direction, clearance)
+        return self.solve_target(target, seed, starts, confirm=confirm, ordinary=ordinary)
 
     def solve_target(
         self,
@@ -170,15 +185,17 @@ class PostureSelector:
         starts: int | None = None,
         known: Array | None = None,
         confirm: bool = False,
+        ordinary: float | None = None,
     ) -> Solution:
         """The best posture for a target; a ``known`` one (n,) is improved beside the random starts."""
-        began = time.perf_counter()
 
-        def seek(engine: Engine) -> tuple[MultistartResult, Sweep | None]:
+        def seek(engine: Engine, target: TaskTarget) -> tuple[MultistartResult, Sweep | None]:
             found = until_found_often(engine, target, np.random.default_rng(seed), starts)
-            return found if known is None else found.with_known(engine, known), None
+            if known is not None:
+                found = found.with_known(engine, np.clip(known, engine.robot.lower, engine.robot.upper))
+            return found, None
 
-        return self._solved(seek, target, began, confirm)
+        return self._solved(self._request(seek, confirm, ordinary), target)
 
     def solve_to_compare(self, seed: int | None = None) -> Solution:
         """The best posture for the task without the evidence that it is: for answers that are compared with others.
@@ -186,22 +203,20 @@ class PostureSelector:
         The solver is started at the best of many postures (`screened_search`); where that does not end at an optimum,
         the search is that of `solve`.
         """
-        began, first = time.perf_counter(), self._problem.solver.seed if seed is None else seed
+        first = self._problem.solver.seed if seed is None else seed
 
-        def seek(engine: Engine) -> tuple[MultistartResult, Sweep | None]:
+        def seek(engine: Engine, target: TaskTarget) -> tuple[MultistartResult, Sweep | None]:
             preferred = self._problem.narrowed
-            found = screened_search(engine, self.target, np.random.default_rng(first), preferred=preferred)
-            return found or until_found_often(engine, self.target, np.random.default_rng(first)), None
+            found = screened_search(engine, target, np.random.default_rng(first), preferred=preferred)
+            return found or until_found_often(engine, target, np.random.default_rng(first)), None
 
-        return self._solved(seek, self.target, began, confirm=False)
+        return self._solved(self._request(seek, confirm=False, ordinary=0.0), self.target)
 
     def feasible(self, starts: int) -> bool:
         """Whether so many starts find a posture that does the task; why there is none is not asked."""
 
-        def seek(engine: Engine) -> tuple[MultistartResult, None]:
-            return until_found_often(
-                engine, self.target, np.random.default_rng(self._problem.solver.seed), starts
-            ), None
+        def seek(engine: Engine, target: TaskTarget) -> tuple[MultistartResult, None]:
+            return until_found_often(engine, target, np.random.default_rng(self._problem.solver.seed), starts), None
 
         return bool(self._searched(seek, self.target).feasible)
 
@@ -218,26 +233,54 @@ class PostureSelector:
 
         At the target of the task, or at another one.
         """
-        began = time.perf_counter()
         solver, aim = self._problem.solver, self.target if target is None else target
         first = solver.seed if seed is None else seed
 
-        def seek(engine: Engine) -> tuple[MultistartResult, Sweep | None]:
-            found = until_recurrence(engine, aim, first, solver.starts, workers, progress)
+        def seek(engine: Engine, target: TaskTarget) -> tuple[MultistartResult, Sweep | None]:
+            found = until_recurrence(engine, target, first, solver.starts, workers, progress)
             return found, sweep(engine, found.target, np.random.default_rng(first)) if found.found else None
 
-        return self._solved(seek, aim, began, confirm=True)
+        return self._solved(self._request(seek, confirm=True), aim)
 
-    def _solved(self, seek: Seek, target: TaskTarget, began: float, confirm: bool) -> Solution:
-        outcome = self._searched(seek, target, exact=not confirm)
+    def _request(self, seek: Seek, confirm: bool, ordinary: float | None = None) -> _Request:
+        return _Request(seek, time.perf_counter(), confirm, self.task.ordinary if ordinary is None else ordinary)
+
+    def _solved(self, asked: _Request, target: TaskTarget) -> Solution:
+        outcome = self._searched(asked.seek, target, exact=not asked.confirm)
         wider = None if outcome.feasible else self._wider
         if wider is None:
-            return self._answer(outcome, began, confirm)
+            return self._first(outcome, asked)
         if self._problem.narrowed:
-            return wider._solved(seek, target, began, confirm)
-        without = wider._searched(seek, target, exact=not confirm)
+            return wider._solved(asked, target)
+        without = wider._searched(asked.seek, target, exact=not asked.confirm)
         above = self._lifted(without.feasible[:8], outcome)
-        return self._answer(above, began, confirm) if above else wider._answer(without, began, confirm)
+        return self._first(above, asked) if above else wider._first(without, asked)
+
+    def _first(self, outcome: SearchOutcome, asked: _Request) -> Solution:
+        """The best posture of all, or the best ordinary one where it costs no more than the share that is asked."""
+        rule = self._rule if asked.share else None
+        best = self._answer(outcome, asked, rule)
+        if rule is None or rule.met(best.q):
+            return best
+        found = self._ordinary._searched(asked.seek, best.target, exact=not asked.confirm)
+        if not found.feasible:
+            return best
+        ends = np.array([found.feasible[0].q, best.q])
+        objective, least = (end.objective for end in outcome.engine.candidates(ends, best.target))
+        if not costs_at_most(asked.share, objective, least):
+            return best
+        answer = self._ordinary._answer(found, asked)
+        return answer.beside(best) if answer.status in ("optimal", best.status) else best
+
+    @cached_property
+    def _rule(self) -> OrdinaryRule:
+        return OrdinaryRule.of(self.task, self.tool_point.arm)
+
+    @cached_property
+    def _ordinary(self) -> PostureSelector:
+        """The selection among ordinary postures."""
+        task = self.task.model_copy(update={"subject_to": (*self.task.subject_to, *self._rule.terms)})
+        return PostureSelector(replace(self._problem, task=task), compiled=self._compiled, rule=self._rule)
 
     def _lifted(self, below: Sequence[CandidatePosture], outcome: SearchOutcome) -> SearchOutcome | None:
         """A search that found nothing, with what local searches from postures below the plane lead to; else None."""
@@ -263,7 +306,7 @@ class PostureSelector:
         free, scene = self.engine(target, guarded=False), self._problem.scene
         exact = exact and self._has_exact(free)
         guarded = partial(self.engine_of_all, [target], True, exact)
-        return searched(seek, free, guarded, self._slack if exact else scene)
+        return searched(seek, target, free, guarded, self._slack if exact else scene)
 
     def clear_engine(self, target: TaskTarget) -> Engine:
         """The functions that keep the arm clear at least cost: by exact distances in C, or by rows without a compiler.
@@ -294,11 +337,15 @@ class PostureSelector:
             target = replace(target, clearance=float(clearance))
         return target
 
-    def _answer(self, outcome: SearchOutcome, began: float, confirm: bool) -> Solution:
-        found, problem = outcome.found, outcome.engine.optimisation_problem
+    def _answer(self, outcome: SearchOutcome, asked: _Request, rule: OrdinaryRule | None = None) -> Solution:
+        found, problem, began = outcome.found, outcome.engine.optimisation_problem, asked.began
         feasible = outcome.feasible or self._rescued(found, began)
+        if rule is not None:  # of optima that are as good as the best
+            alike = (k for k, c in enumerate(feasible) if c.optimal and c.objective <= as_good(feasible[0].objective))
+            k = next((k for k in alike if rule.met(feasible[k].q)), 0)
+            feasible = [feasible[k], *feasible[:k], *feasible[k + 1 :]]
         best, confirmation = feasible[0], None
-        if confirm:
+        if asked.confirm:
             feasible, confirmation = confirmed(outcome.engine, feasible, found.target, self._problem.scene)
             best = feasible[0]
         # A solve that stalled is no optimum; it counts only where nothing better is known.

@@ -66,6 +66,7 @@ class Solution(TargetAnswer):
         ended: (k, n) distinct local optima of the search, best first.
         feasible: (N, n) postures of the search that do the task, none where they are not kept.
         engine: the functions that found it; None where they are not kept.
+        best_of_all: the posture with the smallest objective, where the answer is an ordinary one; else None.
         points: the answers at each of K stations, listed and added; empty where there is one target.
         names: of these.
         placement: of the workpiece that they share; None where the task names none.
@@ -219,7 +220,11 @@ class Solution(TargetAnswer):
         ):
             return ()  # what holds one station is not what holds all of them together
         held = self.worst
-        return () if held.engine is None else prices_of(held.engine, held.target, held.statistics.confirmation)
+        return (
+            ()
+            if held.engine is None
+            else prices_of(held.engine, held.target, held.statistics.confirmation, held.problem.robot)
+        )
 
     @property
     def confirmation(self) -> Confirmation | None:

@@ -19,13 +19,14 @@ from posture_opt.selection.search.engine import Confirmation
 from posture_opt.selection.tasks.path_task import PathTask
 from posture_opt.selection.tasks.workpiece import WORKPIECE
 from posture_opt.statements import Quantity, Statement, Value, state
-from posture_opt.statements.notation import place, shift
+from posture_opt.statements.notation import percent, place, shift
 from posture_opt.uncertainty.sources.sources import source_size
 from posture_opt.uncertainty.spread.joint_digits import readable_posture
 from posture_opt.units import joint_text
 
 if TYPE_CHECKING:
     from posture_opt.selection.answer.solution import Solution
+    from posture_opt.selection.answer.target_answer import Alternative
     from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 
 ACROSS_PATH = "across the path"
@@ -73,13 +74,21 @@ def _noted(found: Solution) -> tuple[Statement, ...]:
 
 
 def _posture(found: Solution) -> tuple[Statement, ...]:
+    best = found.best_of_all if abs(found.gain_of_best) >= NO_GAIN else None
+    name, beside = ("best-posture", []) if best is None else ("ordinary-posture", [_best_of_all(found, best)])
     return (
-        state("selection.best-posture", sigma=Quantity(found.sigma_max), part=part_of(found)),
+        state(f"selection.{name}", sigma=Quantity(found.sigma_max), part=part_of(found)),
         state("selection.posture", posture=readable_posture(found.problem, found.q)),
+        *beside,
         *free_joints(found.optimisation_problem),
         *found.task_spread.success_statement(found.spread.taught),
         *([state("selection.place-target", position=place(found.spread.position))] * (found.target.kind != "point")),
     )  # fmt: skip
+
+
+def _best_of_all(found: Solution, best: Alternative) -> Statement:
+    change = f"{'-' if found.gain_of_best > 0 else '+'}{percent(abs(found.gain_of_best))}"
+    return state("selection.best-of-all", sigma=Quantity(best.sigma_max), change=change)
 
 
 def free_joints(asked: OptimisationProblem) -> list[Statement]:

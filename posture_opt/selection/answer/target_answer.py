@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import numpy as np
 
@@ -66,6 +66,16 @@ class TargetAnswer(Result):
     relaxations: tuple[Relaxation, ...] = ()
     feasible: Array = field(default_factory=lambda: np.zeros((0, 0)))
     engine: Engine | None = None
+    best_of_all: Alternative | None = None  # where an ordinary posture is the answer instead
+
+    def beside(self, best: Self) -> Self:
+        """This answer, of ordinary postures, with the best posture of all and what its search compared."""
+        seen, searched = best.statistics, ("starts", "tried", "sampled")
+        return replace(
+            self, problem=best.problem, optimisation_problem=best.optimisation_problem, best_of_all=best.optima[0],
+            statistics=replace(self.statistics, **{name: getattr(seen, name) for name in searched}),
+            ended=np.vstack([self.q, best.ended]), feasible=np.vstack([self.q, best.feasible]),
+        )  # fmt: skip
 
     @property
     def worst(self) -> TargetAnswer:
@@ -102,19 +112,22 @@ class TargetAnswer(Result):
     def ranked(self) -> Array:
         """(k, n) at most eight local optima, best first, one of each configuration before others."""
         named = configurations(self.problem.robot, self.ended)
-        again = [bool(name) and name in named[:k] for k, name in enumerate(named)]
+        first = 1 if self.best_of_all is None else 2
+        again = [k >= first and bool(name) and name in named[:k] for k, name in enumerate(named)]
         kept = sorted(range(len(self.ended)), key=again.__getitem__)[:8]  # a 6R wrist has eight branches (Pieper 1968)
         return np.asarray(self.ended[sorted(kept)])
 
     @property
     def alternatives(self) -> tuple[Alternative, ...]:
-        """The best local optimum of each configuration of the arm at the first station, best first; the first is the
-        answer itself.
+        """The best local optimum of each configuration of the arm at the first station, best first, after the answer
+        itself and the best posture of all.
 
-        Every local optimum of an arm whose configurations have no names is one, and of a target that may be moved.
+        Every local optimum of an arm whose configurations have no names is one.
         """
-        named = [other.configuration * (self.target.kind == "point") for other in self.optima]
-        return tuple(other for k, other in enumerate(self.optima) if not named[k] or named[k] not in named[:k])
+        first = 1 if self.best_of_all is None else 2
+        named = [other.configuration for other in self.optima]
+        new = [k < first or not name or name not in named[:k] for k, name in enumerate(named)]
+        return tuple(other for other, kept in zip(self.optima, new, strict=True) if kept)
 
     @cached_property
     def optima(self) -> tuple[Alternative, ...]:
@@ -203,6 +216,11 @@ class TargetAnswer(Result):
         """Relative reduction of σ_max against ``sigma`` [m], ``1 − σ_max/sigma``: 0.1 means 10 % smaller."""
         return 1.0 - self.sigma_max / sigma if sigma > 0 else 0.0
 
+    @property
+    def gain_of_best(self) -> float:
+        """Relative reduction of σ_max by the best posture of all; zero where that is the answer."""
+        return 0.0 if self.best_of_all is None else 1.0 - self.best_of_all.sigma_max / self.sigma_max
+
     def station_json(self, name: str) -> dict[str, Any]:
         """One of several features in ``solution.json``."""
         document = {"name": name, "status": self.status, **self.posture_json(), **self.spread_json()}
@@ -218,6 +236,7 @@ class TargetAnswer(Result):
             "posture": self.posture,
             "tool": {"position": spread.position.tolist(), "quaternion_wxyz": spread.quaternion_wxyz.tolist()},
             "alternatives": [alternative.to_json() for alternative in self.alternatives],
+            "best_of_all": self.best_of_all and {**self.best_of_all.to_json(), "gain": self.gain_of_best},
             "most_manipulable": self.most_manipulable and self.most_manipulable.to_json(),
         }
 

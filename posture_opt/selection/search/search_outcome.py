@@ -24,7 +24,8 @@ from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE, TOLER
 from posture_opt.selection.search.multistart import MultistartResult, Sampled, as_good, rank
 from posture_opt.selection.solvers import Outcome
 
-Seek = Callable[[Engine], "tuple[MultistartResult, Sweep | None]"]  # a search with the functions of one engine
+# A search with the functions of one engine, at one target
+Seek = Callable[[Engine, TaskTarget], "tuple[MultistartResult, Sweep | None]"]
 Keeper = Scene | ContactSlack  # what says by how much postures keep the distances that are asked for
 DISTANCE_ROUNDING = 1e-9  # m: rounding of a distance
 
@@ -66,16 +67,18 @@ class SearchOutcome:
         return replace(self, found=found, by_sweep=by_sweep)
 
 
-def searched(seek: Seek, free: Engine, guarded: Callable[[], Engine], scene: Keeper) -> SearchOutcome:
+def searched(
+    seek: Seek, target: TaskTarget, free: Engine, guarded: Callable[[], Engine], scene: Keeper
+) -> SearchOutcome:
     """The outcome of ``seek`` without rows for collisions; with ``guarded`` ones where its best posture collides."""
-    outcome = SearchOutcome.of(free, *seek(free))
+    outcome = SearchOutcome.of(free, *seek(free, target))
     if not scene.active or not outcome.feasible:
         return outcome
     clear = outcome.clear_of(scene)
     if clear is not None:
         return clear
     engine = guarded()
-    return SearchOutcome.of(engine, *seek(engine))
+    return SearchOutcome.of(engine, *seek(engine, target))
 
 
 def clear_ones(candidates: tuple[CandidatePosture, ...], scene: Keeper) -> tuple[CandidatePosture, ...]:

@@ -134,7 +134,7 @@ class _FeaturesSelection:
         first = self.task.features[0]
         clearances = [c for c in (self.task.clearance, *(f.clearance for f in self.task.features)) if c is not None]
         given = {
-            "features": (), "workpiece": None, "combine": "worst", "position": first.position,
+            "features": (), "workpiece": None, "combine": "worst", "position": first.position, "ordinary": 0.0,
             "direction": first.direction or self.task.direction, "clearance": next(iter(clearances), None),
             **({"criterion": "miss"} if self.task.combine == "success" else {}),
         }  # fmt: skip

@@ -22,7 +22,7 @@ from posture_opt.selection.terms import TermSpec
 from posture_opt.spec import Spec
 from posture_opt.uncertainty.regions.clearance import Within
 from posture_opt.uncertainty.spread.peg_spread import HeldPart
-from posture_opt.units import Angle, Celsius, Length, Mass, Time
+from posture_opt.units import Angle, Celsius, Length, Mass, Share, Time
 
 Criterion = Annotated[
     Literal["worst", "trace", "area", "miss", "none"],
@@ -97,6 +97,9 @@ class Task(Spec):
         None, description="radial play of the hole: gives the probability"
     )
     criterion: Criterion = "worst"
+    ordinary: Annotated[Share, Field(ge=0, lt=1)] = Field(
+        0.03, description="share that an ordinary posture of one target may be worse and come first; 0: never"
+    )
     minimize: tuple[TermSpec, ...] = Field((), description="terms to minimise beside it, with weights")
     subject_to: tuple[TermSpec, ...] = Field((), description="terms to keep within bounds")
     payload: Mass | None = Field(None, ge=0, description="carried in the task, for effects that depend on it")
