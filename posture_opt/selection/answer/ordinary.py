@@ -32,6 +32,7 @@ from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE
 from posture_opt.selection.tasks import Task
+from posture_opt.selection.terms.limit_margin import LimitMargin
 from posture_opt.selection.terms.term import LowerBoundedTerm, Quantities
 
 _MARGIN = math.radians(5.0)  # room to approach, retract and touch up from there
@@ -137,13 +138,14 @@ class OrdinaryRule:
 
         All postures of an arm of two joints, as drawn on paper, are ordinary.
         """
-        robot, q, reached = arm.robot, arm.q, arm.walk(arm.q)
-        spatial, stated = robot.n > 2, any(term.kind == "limit_margin" for term in task.subject_to)
+        robot, q = arm.robot, ca.SX.sym("q", arm.robot.n)
+        spatial, stated = robot.n > 2, any(isinstance(term, LimitMargin) for term in task.subject_to)
         lower, upper = np.array(robot.lower), np.array(robot.upper)
         turns = np.array([joint.type == "revolute" for joint in robot.joints]) & spatial & (not stated)
         margin = np.where(turns, np.minimum(_MARGIN, _RANGE_SHARE * (upper - lower)), 0.0)
         kinds: list[type[Facing] | type[ElbowUp]] = [Facing, ElbowUp] if spatial and Facing.fits(robot) else []
         terms = tuple(kind() for kind in kinds if kind.fits(robot))
+        reached = arm.walk(q)
         values = ca.vertcat(ca.SX(0, 1), *(term.value(robot, reached, q[0]) for term in terms))
         return cls(lower + margin, upper - margin, terms, ca.Function("ordinary", [q], [values]))
 
