@@ -214,9 +214,12 @@ def _all_findings(found: Explained, groups: Codes, parts: list[Codes]) -> tuple[
     refuted = [c.cause for c in calibration.contradictions]
     effects = effect_findings(found.names, found.predictive, found.model, groups, found.unrefuted)
     effects = with_plausibility(effects, found.model, found.linearised.sensitivities.state.robot)
-    # Where errors grow with a joint whose repeats agree, its effects take up what they do not have the form of.
+    # Where errors grow with a joint whose repeats agree, the loads may be others than stated: a compliance takes it up.
     open_ = {errors.effect.target for errors in found.uneven if errors.refuted or errors.still}
-    effects = [replace(f, determined=f.determined and f.target not in open_) for f in effects]
+    effects = [
+        replace(f, determined=f.determined and not (f.target in open_ and f.effect and "masses" in f.effect.asks))
+        for f in effects
+    ]
     return (
         *(f for f in beforehand if isinstance(f.cause, Effect)),
         *sorted((*effects, *map(noise_finding, found.noise)), key=lambda finding: not finding.determined),

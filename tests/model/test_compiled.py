@@ -13,15 +13,12 @@ import time
 from pathlib import Path
 
 import casadi
-import casadi as ca
 import numpy as np
 import pytest
 
 import posture_opt as po
 from posture_opt.model import toolchain
-from posture_opt.model.c_rows import LANES
-from posture_opt.model.compiled import BatchFunction, LaneFunction
-from posture_opt.model.toolchain import find_compiler
+from posture_opt.model.compiled import BatchFunction
 
 # The same operations in the same order and no fused multiply-add: only sin and cos of another mathematics library
 # may differ, by one unit in the last place each. Compared with NumPy, whose sums run in another order, a dozen
@@ -121,6 +118,20 @@ def test_matrices_sparse_and_empty(compiled: bool, kind: type) -> None:
 
 
 @both_ways
+def test_one_row(compiled: bool) -> None:
+    batch = BatchFunction(planar(), compiled=compiled)
+    q, a = rows(3)
+    kept = batch.one(q[0], a[0])
+    for k in (1, 2):
+        for single, many in zip(batch.one(q[k], a[k : k + 1]), batch(q, a), strict=True):
+            np.testing.assert_array_equal(single, many[k])
+    np.testing.assert_array_equal(kept[1], batch(q, a)[1][0])  # results do not share the kept buffer
+    for wrong in ((q[0], 1.0), (q[0], [1.0]), (q, a), (q[:2], a[:2]), (q[0],)):
+        with pytest.raises(po.errors.InputError):
+            batch.one(*wrong)
+
+
+@both_ways
 def test_pickles(compiled: bool) -> None:
     batch = BatchFunction(planar(), compiled=compiled)
     batch.one(*(value[0] for value in rows(1)))
@@ -178,6 +189,17 @@ def test_failing_compiler_is_a_reason(
     assert not batch.compiled
     assert reason in batch.reason
     assert batch(*rows(3))[0].shape == (3, 2)
+
+
+@needs_compiler
+def test_what_was_not_compiled_before_can_be_refused(compilations: list[tuple[str, ...]]) -> None:
+    with toolchain.compiled_before(), pytest.raises(toolchain.NotCompiledError):
+        BatchFunction(planar())
+    assert not compilations
+    BatchFunction(planar())
+    with toolchain.compiled_before():
+        assert BatchFunction(planar()).compiled
+    assert len(compilations) == 1
 
 
 @needs_compiler
@@ -245,6 +267,30 @@ def test_cache_keeps_the_libraries_used_last(cache: Path, monkeypatch: pytest.Mo
 CHECKED = (
     "from tests.model.test_compiled import *; b = BatchFunction(planar()); print(b.compiled, b(*rows(3))[0].shape)"
 )
+
+
+def in_another_process(**environment: str) -> str:
+    """Whether it compiles there, and the shape of an answer: this process must not have the library mapped."""
+    done = subprocess.run(
+        [sys.executable, "-c", CHECKED],
+        capture_output=True,
+        text=True,
+        cwd=Path(__file__).parents[2],
+        env={**os.environ, **environment},
+    )
+    assert done.returncode == 0, (done.returncode, done.stderr)
+    return done.stdout
+
+
+@needs_compiler
+def test_half_a_library_is_compiled_again(cache: Path) -> None:
+    assert in_another_process() == "True (3, 2)\n"
+    (library,) = cache.iterdir()
+    whole = library.read_bytes()
+    os.truncate(library, 2 * len(whole) // 3)  # the loader takes it, and its first call is a bus error
+    assert in_another_process() == "True (3, 2)\n"
+    (library,) = cache.iterdir()
+    assert library.read_bytes() == whole
 
 
 @needs_compiler
@@ -333,90 +379,3 @@ def test_damaged_library_is_compiled_again(cache: Path, compilations: list[tuple
         library.chmod(0o700)
     assert BatchFunction(planar()).compiled
     assert len(compilations) == 1
-
-
-# --- Rows side by side: NumPy's and the interpreter's numbers, for every operation and any angle ----------------------
-
-needs_compiler_lanes = pytest.mark.skipif(not find_compiler(), reason="no C compiler on this machine")
-
-
-def lanes(expression: ca.SX, x: ca.SX, compiled: bool | None = True) -> LaneFunction:
-    return LaneFunction(ca.Function("f", [x], [ca.densify(expression)]), compiled=compiled)
-
-
-@needs_compiler_lanes
-def test_sines_are_right_to_the_last_place() -> None:
-    x = ca.SX.sym("x", 1)
-    rng = np.random.default_rng(0)
-    multiples = np.arange(-40, 41) * (np.pi / 4)
-    angles = np.concatenate([
-        rng.uniform(-7, 7, 20_000), rng.uniform(-1e6, 1e6, 20_000), rng.uniform(-1, 1, 2000) * 1e-8, multiples,
-        np.nextafter(multiples, 9), [0.0, 999_999.9], rng.uniform(-1e12, 1e12, 1000),
-    ])  # fmt: skip
-    found = lanes(ca.vertcat(ca.sin(x), ca.cos(x)), x)(angles[:, None])
-    exact = np.stack([np.sin(angles.astype(np.longdouble)), np.cos(angles.astype(np.longdouble))], axis=1)
-    assert np.finfo(np.longdouble).eps < 1e-18, "no truth to compare with on this machine"
-    apart = np.abs(found - exact)
-    assert apart.max() < 2e-16
-    last_place = np.spacing(np.abs(exact).astype(float))
-    assert np.all(apart <= 2.5 * last_place)  # also where a sine is nearly zero
-
-
-@needs_compiler_lanes
-@pytest.mark.parametrize("n", [0, 1, LANES - 1, LANES, LANES + 1, 1000])
-def test_every_operation_is_the_interpreters(n: int) -> None:
-    x = ca.SX.sym("x", 3)
-    a, b, c = ca.vertsplit(x)
-    positive = ca.fabs(a) + 0.5
-    every = [
-        a + b, a - b, a * b, a / positive, -a, a * a, 2 * a, 1 / positive, ca.sqrt(positive), a**3, positive**b,
-        ca.fmin(a, b), ca.fmax(a, b), ca.atan2(a, b), a < b, a <= b, a == b, a != b, ca.logic_and(a, b),
-        ca.logic_or(a, b), ca.logic_not(a), ca.if_else(a < 0, b, c), ca.copysign(a, b), ca.fmod(a, positive),
-        ca.hypot(a, b), ca.sign(a), ca.fabs(a), ca.tan(a), ca.asin(a / 9), ca.acos(a / 9), ca.atan(a), ca.exp(a),
-        ca.log(positive), ca.floor(a), ca.ceil(a), ca.tanh(a), ca.sinh(a), ca.cosh(a), ca.erf(a), ca.log1p(positive),
-        ca.expm1(a), ca.sin(a + ca.cos(b * ca.sin(c))), ca.SX(0.1), ca.SX(-3.0), ca.SX(0),
-    ]  # fmt: skip
-    function = ca.Function("f", [x], [ca.densify(ca.vertcat(*every))])
-    Q = np.random.default_rng(n).uniform(-3, 3, (n, 3))
-    Q[::7, 0] = 0.0
-    Q[::5, 1] = Q[::5, 0]
-    rows = LaneFunction(function, compiled=True)
-    assert rows.compiled
-    np.testing.assert_allclose(rows(Q), BatchFunction(function, compiled=False)(Q), rtol=4e-15, atol=4e-15)
-    np.testing.assert_array_equal(rows(Q), np.array([rows(q[None])[0] for q in Q]).reshape(n, len(every)))
-
-
-def test_without_a_compiler_rows_are_interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
-    x = ca.SX.sym("x", 2)
-    assert not lanes(ca.sin(x), x, compiled=False).compiled
-    monkeypatch.setenv("CC", "")
-    monkeypatch.setenv("PATH", "")
-    rows = lanes(ca.sin(x), x, compiled=None)
-    assert not rows.compiled
-    np.testing.assert_allclose(rows(np.eye(2)), np.sin(np.eye(2)), rtol=1e-15)
-    with pytest.raises(po.errors.InputError, match="nothing compiled"):
-        lanes(ca.sin(x), x, compiled=True)
-
-
-@needs_compiler
-def test_what_was_not_compiled_before_can_be_refused(compilations: list[tuple[str, ...]]) -> None:
-    with toolchain.compiled_before(), pytest.raises(toolchain.NotCompiledError):
-        BatchFunction(planar())
-    assert not compilations
-    BatchFunction(planar())
-    with toolchain.compiled_before():
-        assert BatchFunction(planar()).compiled
-    assert len(compilations) == 1
-
-
-def in_another_process(**environment: str) -> str:
-    """Whether it compiles there, and the shape of an answer: this process must not have the library mapped."""
-    done = subprocess.run(
-        [sys.executable, "-c", CHECKED],
-        capture_output=True,
-        text=True,
-        cwd=Path(__file__).parents[2],
-        env={**os.environ, **environment},
-    )
-    assert done.returncode == 0, (done.returncode, done.stderr)
-    return done.stdout

@@ -96,7 +96,7 @@ def is_clear(scene: Keeper, Q: Array) -> Mask:
     return np.asarray(scene.slack(Q) >= -DISTANCE_ROUNDING)
 
 
-class Nearest(NamedTuple):
+class Lacking(NamedTuple):
     """The pair of bodies that lacks most of its distance, at the posture of a target that lacks least."""
 
     names: tuple[str, str]
@@ -108,7 +108,7 @@ class Nearest(NamedTuple):
 _TRIED = 48  # Postures at a target that are looked at for `nearest_to_clear`: by choice
 
 
-def nearest_to_clear(engine: Engine, target: TaskTarget, scene: Scene, seed: int) -> Nearest | None:
+def nearest_to_clear(engine: Engine, target: TaskTarget, scene: Scene, seed: int) -> Lacking | None:
     """What keeps postures from a target, at once and without a search; None where no start arrives there."""
     rng = np.random.default_rng(seed)
     starts = engine.ik.random_postures(_TRIED, rng)
@@ -117,7 +117,7 @@ def nearest_to_clear(engine: Engine, target: TaskTarget, scene: Scene, seed: int
         return None
     distances = scene.distances(reached[np.argmax(scene.slack(reached))])[0]
     k = int(np.argmin(distances - np.array(scene.required)))
-    return Nearest(scene.pairs[k], k < len(scene.own), float(distances[k]), scene.required[k])
+    return Lacking(scene.pairs[k], k < len(scene.own), float(distances[k]), scene.required[k])
 
 
 _SPIN_STEPS = 120  # steps of 3°: the optimum over the spin is several of them wide
