@@ -279,3 +279,14 @@ def test_a_workpiece_that_is_put_is_checked_there(tmp_path: Path) -> None:
     assert any("chosen without looking at it" in str(note) for note in found.notes)
     hit = found.clearance.cell.distance <= 0
     assert hit == ("collision.workpiece-hit" in said(found))
+
+
+def test_its_file_goes_along_and_faults_are_named(tmp_path: Path) -> None:
+    wall(tmp_path)
+    files = planar(tmp_path, **WALL).files("copy")
+    assert files["copy_workpiece.stl"] == (tmp_path / "wall.stl").read_bytes()
+    with pytest.raises(po.errors.InputError, match="no such file") as caught:
+        planar(tmp_path, file="none.stl", unit="mm")
+    assert caught.value.issues[0].key == ("task", "workpiece", "file")
+    with pytest.raises(po.errors.InputError, match="the unit of the lengths in the file is missing"):
+        planar(tmp_path, file="wall.stl")

@@ -122,10 +122,10 @@ class TargetAnswer(Result):
         """The best local optimum of each configuration of the arm at the first station, best first, after the answer
         itself and the best posture of all.
 
-        Every local optimum of an arm whose configurations have no names is one.
+        Every local optimum of an arm whose configurations have no names is one, and of a target that may be moved.
         """
         first = 1 if self.best_of_all is None else 2
-        named = [other.configuration for other in self.optima]
+        named = [other.configuration * (self.target.kind == "point") for other in self.optima]
         new = [k < first or not name or name not in named[:k] for k, name in enumerate(named)]
         return tuple(other for other, kept in zip(self.optima, new, strict=True) if kept)
 
