@@ -268,3 +268,11 @@ def test_what_cannot_be_met_is_named(listed: type[Term]) -> None:
         po.select_posture(given)
     named = "elbow" if kind == "fixed_joints" else kind
     assert named in caught.value.solution.reasons[0].requirement
+
+
+def test_a_margin_of_limits_leaves_out_joints_that_are_held() -> None:
+    further = [{"kind": "fixed_joints", "values": {"wrist_3": "30 deg"}}, {"kind": "limit_margin", "at_least": "5 deg"}]
+    stated = po.load_problem("insert_ur10").replace(task__subject_to=further)
+    found = po.select_posture(stated)
+    assert found.status == "optimal"
+    assert found.posture["wrist_3"] == pytest.approx(np.radians(30))

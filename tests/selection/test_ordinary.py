@@ -98,9 +98,10 @@ def test_report_and_document_name_the_best_of_all() -> None:
 
 def test_alternatives_have_one_posture_a_configuration() -> None:
     """A workpiece that may stand anywhere: turned about the first axis a posture is the same."""
-    solution = po.select_posture(problem("kr6_r900"))
-    named = [other.configuration for other in solution.alternatives]
-    assert len({*named}) == len(named) > 1
+    for position in (None, (0.5, 0.1, 0.2)):
+        solution = po.select_posture(problem("kr6_r900", position))
+        named = [(other.configuration, position or f"{other.sigma_max:.3g}") for other in solution.alternatives]
+        assert len({*named}) == len(named) > 1
 
 
 def test_arms_on_paper_and_margins_that_are_stated_are_left_alone() -> None:
@@ -120,3 +121,9 @@ def test_a_share_is_a_number_or_a_percentage(text: Any, share: float) -> None:
 def test_what_is_no_share_is_refused(text: str) -> None:
     with pytest.raises(InputError, match=r"task\.ordinary.*write for example 3 %"):
         problem("panda", ordinary=text)
+
+
+def test_a_share_that_would_be_ignored_is_refused() -> None:
+    task = {"kind": "insert", "ordinary": "5 %", "features": [{"name": "a", "position": ["0.6 m", "0.2 m", "0.2 m"]}]}
+    with pytest.raises(po.errors.InputError, match="at one target only"):
+        po.problem_from_dict({"robot": {"kind": "preset", "name": "ur10"}, "task": task})

@@ -54,9 +54,9 @@ from posture_opt.selection.search.search_outcome import (
     SearchStatistics,
     Seek,
     Sweep,
+    at_first_sight,
     clear_ones,
     confirmed,
-    nearest_to_clear,
     searched,
     sweep,
 )
@@ -373,7 +373,7 @@ class PostureSelector:
 
     def _rescued(self, found: MultistartResult, began: float) -> list[CandidatePosture]:
         if not self._explains:
-            raise NoSolutionError(self._at_first_sight(found))
+            raise NoSolutionError(at_first_sight(self.engine(found.target, guarded=False), found, self._problem.scene))
         engine = self.engine(found.target, guarded=True)  # what is offered keeps the arm clear of collisions too
         dropped = self._keeps_mounting and self._problem.above_assumed_mounting  # and asked again
         met = met_after_all(engine, found) if dropped or engine.elastic.in_cell else None
@@ -389,15 +389,6 @@ class PostureSelector:
             why = not_met_together(engine, found, rescued)
         solution = infeasible(self._problem, engine, found, why, time.perf_counter() - began)
         raise NoSolutionError(why.text, solution)
-
-    def _at_first_sight(self, found: MultistartResult) -> str:
-        if not found.arrived:
-            return "the target seems to be out of reach"
-        nearest = nearest_to_clear(self.engine(found.target, guarded=False), found.target, self._problem.scene, 0)
-        if nearest is None or nearest.distance >= nearest.required:
-            return "no posture was found that does the task"
-        to = " and ".join(nearest.names) if nearest.own else nearest.names[1]
-        return f"clearance {1e3 * nearest.distance:.1f} of {1e3 * nearest.required:.4g} mm to {to}"
 
     def _explained(self, found: MultistartResult) -> Explanation:
         target = found.target

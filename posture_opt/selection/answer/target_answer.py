@@ -122,11 +122,13 @@ class TargetAnswer(Result):
         """The best local optimum of each configuration of the arm at the first station, best first, after the answer
         itself and the best posture of all.
 
-        Every local optimum of an arm whose configurations have no names is one, and of a target that may be moved.
+        Every local optimum of an arm whose configurations have no names is one. A target that may be moved has one of
+        each spread, too: a place that is only turned about the first axis is the same.
         """
         first = 1 if self.best_of_all is None else 2
-        named = [other.configuration * (self.target.kind == "point") for other in self.optima]
-        new = [k < first or not name or name not in named[:k] for k, name in enumerate(named)]
+        fixed = self.target.kind == "point"
+        named = [(other.configuration, fixed or f"{other.sigma_max:.3g}") for other in self.optima]
+        new = [k < first or not name[0] or name not in named[:k] for k, name in enumerate(named)]
         return tuple(other for other, kept in zip(self.optima, new, strict=True) if kept)
 
     @cached_property

@@ -120,6 +120,17 @@ def nearest_to_clear(engine: Engine, target: TaskTarget, scene: Scene, seed: int
     return Lacking(scene.pairs[k], k < len(scene.own), float(distances[k]), scene.required[k])
 
 
+def at_first_sight(engine: Engine, found: MultistartResult, scene: Scene) -> str:
+    """Why a search may have found nothing, in a clause; the reasons themselves take longer."""
+    if not found.arrived:
+        return "the target seems to be out of reach"
+    nearest = nearest_to_clear(engine, found.target, scene, 0)
+    if nearest is None or nearest.distance >= nearest.required:
+        return "no posture was found that does the task"
+    to = " and ".join(nearest.names) if nearest.own else nearest.names[1]
+    return f"clearance {1e3 * nearest.distance:.1f} of {1e3 * nearest.required:.4g} mm to {to}"
+
+
 _SPIN_STEPS = 120  # steps of 3°: the optimum over the spin is several of them wide
 
 

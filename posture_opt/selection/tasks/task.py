@@ -226,6 +226,8 @@ class Task(Spec):
     def _one_target(self) -> Task:
         if self.position is not None and self.region is not None:
             raise BadValueError("position and region are both given", "keep one of them")
+        if "ordinary" in self.model_fields_set and (self.features or self.on_path):
+            raise BadValueError("ordinary postures are preferred at one target only", "leave out ordinary")
         if self.criterion == "miss" and not self._all_have_clearance:
             raise BadValueError("criterion miss needs the clearance of the hole", "add for example clearance: 0.2 mm")
         if self.criterion == "none" and not self.minimize:
