@@ -23,7 +23,7 @@ import posture_opt as po
 from benchmarks.arms import Array
 from benchmarks.machine import machine_line
 from benchmarks.tables import table
-from posture_opt.uncertainty.spread.spread_function import covariance_c
+from posture_opt.uncertainty.spread_function import covariance_c
 
 ROOT = Path(__file__).resolve().parents[1]
 WRITTEN = ROOT / "docs" / "lecture" / "lecture_times.json"

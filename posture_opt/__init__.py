@@ -66,9 +66,9 @@ if TYPE_CHECKING:
     from posture_opt.selection.posture_batch import PostureBatch, select_postures
     from posture_opt.selection.select_posture import select_posture
     from posture_opt.selection.tasks.task import Task
-    from posture_opt.uncertainty.simulation.cloud import Cloud, simulate
-    from posture_opt.uncertainty.spread.spread import Spread, propagate
-    from posture_opt.uncertainty.spread.spread_function import SpreadFunction
+    from posture_opt.uncertainty.cloud import Cloud, simulate
+    from posture_opt.uncertainty.spread import Spread, propagate
+    from posture_opt.uncertainty.spread_function import SpreadFunction
     from posture_opt.validation.accuracy_map import AccuracyMap, map_accuracy
     from posture_opt.validation.assessment import Assessment, assess
     from posture_opt.validation.spread_check import SpreadCheck, check_spread
@@ -138,7 +138,7 @@ _HOMES = {
     "Batch": "batch.batch_calibration",
     "BatchDiagnosis": "batch.batch_diagnosis",
     "Calibration": "calibration.calibration",
-    "Cloud": "uncertainty.simulation.cloud",
+    "Cloud": "uncertainty.cloud",
     "Compensation": "compensation.compensation",
     "Comparison": "selection.comparison.comparison",
     "Diagnosis": "diagnosis.diagnosis",
@@ -151,9 +151,9 @@ _HOMES = {
     "Recheck": "changes.what_changed",
     "Robot": "robot.robot",
     "Solution": "selection.answer.solution",
-    "Spread": "uncertainty.spread.spread",
+    "Spread": "uncertainty.spread",
     "SpreadCheck": "validation.spread_check",
-    "SpreadFunction": "uncertainty.spread.spread_function",
+    "SpreadFunction": "uncertainty.spread_function",
     "TargetMap": "selection.maps.target_map",
     "Task": "selection.tasks.task",
     "assess": "validation.assessment",
@@ -173,12 +173,12 @@ _HOMES = {
     "map_targets": "selection.maps.target_map",
     "plan_measurements": "experiments.plan_measurements",
     "problem_from_dict": "problem.load",
-    "propagate": "uncertainty.spread.spread",
+    "propagate": "uncertainty.spread",
     "read_measurements": "measurements.reading",
     "recheck": "changes.check_again",
     "select_posture": "selection.select_posture",
     "select_postures": "selection.posture_batch",
-    "simulate": "uncertainty.simulation.cloud",
+    "simulate": "uncertainty.cloud",
 }
 
 _RENAMED = {"ArmComparison": "Comparison", "FeaturesSolution": "Solution", "PathSolution": "Solution"}

@@ -12,7 +12,7 @@ import pytest
 
 import posture_opt as po
 from posture_opt.texts import csv_line, unguarded
-from posture_opt.uncertainty.sources.uncertainty_section import covariance_text, read_covariance
+from posture_opt.uncertainty.uncertainty_section import covariance_text, read_covariance
 from tests.helpers.command_line import invoke
 
 REFUSED = ["\n", "\r", "\t", "\0", "\x1b", "\x7f", "\x85", "\u2028", "\u2029", "\ud800", "\udfff", "\ufffe"]

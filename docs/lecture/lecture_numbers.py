@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 import posture_opt as po
-from posture_opt.uncertainty.regions.regions import coverage_factor, coverage_probability
-from posture_opt.uncertainty.simulation.sampler import wilson_interval
+from posture_opt.uncertainty.regions import coverage_factor, coverage_probability
+from posture_opt.uncertainty.sampler import wilson_interval
 
 PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
 SMALL, LARGE = 50, 1_000_000

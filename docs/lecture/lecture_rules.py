@@ -12,8 +12,8 @@ import numpy as np
 from lecture_numbers import BESIDE, EXAMPLES, K95, LARGE, PROBLEMS, Example
 
 import posture_opt as po
-from posture_opt.uncertainty.regions.regions import coverage_factor, coverage_probability
-from posture_opt.uncertainty.simulation.sampler import wilson_interval
+from posture_opt.uncertainty.regions import coverage_factor, coverage_probability
+from posture_opt.uncertainty.sampler import wilson_interval
 
 SIGMAS = np.array([math.radians(1), math.radians(3), 0.01, 0.01])  # θ1, θ2, a1, a2 of the weak elbow
 READINGS = {"√(2 α), each eigenvalue doubled": math.sqrt(2), "2 √α, two standard deviations": 2.0, "2.448 √α": K95}

@@ -29,8 +29,8 @@ from posture_opt.numerics import Array, Codes, Json, Mask, Progress
 from posture_opt.result import Result
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.statements import Quantity, Statement, state
-from posture_opt.uncertainty.regions.regions import coverage_factor
-from posture_opt.uncertainty.sources.sources import Sources
+from posture_opt.uncertainty.regions import coverage_factor
+from posture_opt.uncertainty.sources import Sources
 from posture_opt.validation.coverage import REGION_PROBABILITY, share_interval, squared_distances
 from posture_opt.validation.spread_check import held_out_predictions
 

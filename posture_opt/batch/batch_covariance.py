@@ -15,8 +15,8 @@ import numpy as np
 from posture_opt.calibration.estimation.parameters import Parameter
 from posture_opt.numerics import Array, Json
 from posture_opt.selection.problem_data import ProblemData
-from posture_opt.uncertainty.regions.regions import NORMAL95
-from posture_opt.uncertainty.sources.sources import Sources
+from posture_opt.uncertainty.regions import NORMAL95
+from posture_opt.uncertainty.sources import Sources
 from posture_opt.validation.model_errors import holm_rejections
 
 _COVARIANCE_TOLERANCE = 1e-6  # of a scaled covariance

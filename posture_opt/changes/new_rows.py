@@ -16,7 +16,7 @@ from posture_opt.experiments.possible_changes import FRAME_PARTS, PossibleChange
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Codes, stacked_rows
 from posture_opt.selection.problem_data import ProblemData
-from posture_opt.uncertainty.sources.sources import Sources
+from posture_opt.uncertainty.sources import Sources
 
 NOISE_SPREAD = 0.2
 # Noise over what instrument and scatter are stated as: known to 20 %.

@@ -10,11 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from posture_opt.collision.obstacles.box import Box
-from posture_opt.collision.obstacles.cylinder import Cylinder
 from posture_opt.collision.obstacles.half_space import HalfSpace
 from posture_opt.collision.obstacles.obstacle import Obstacle
-from posture_opt.collision.obstacles.sphere import Sphere
+from posture_opt.collision.obstacles.solids import Box, Cylinder, Sphere
 from posture_opt.errors import InputError, Issue
 from posture_opt.files import content, located
 from posture_opt.numerics import Array

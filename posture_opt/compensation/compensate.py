@@ -36,7 +36,7 @@ from posture_opt.selection.search.inverse_kinematics import InverseKinematics, P
 from posture_opt.selection.select_posture import select_posture
 from posture_opt.selection.tasks import Task
 from posture_opt.statements import Statement, state
-from posture_opt.uncertainty.spread.joint_digits import joint_digits
+from posture_opt.uncertainty.joint_digits import joint_digits
 from posture_opt.units import number
 
 _TOOL_AXIS = (0.0, 0.0, 1.0)

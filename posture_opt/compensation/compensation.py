@@ -26,9 +26,9 @@ from posture_opt.selection.problem_data import ProblemData
 from posture_opt.statements import Quantity, Statement, state
 from posture_opt.statements.notation import listed_lines
 from posture_opt.texts import csv_line
-from posture_opt.uncertainty.moments.tool_point import ToolPoint
-from posture_opt.uncertainty.sources.sources import Sources
-from posture_opt.uncertainty.spread.joint_digits import JointDigits
+from posture_opt.uncertainty.joint_digits import JointDigits
+from posture_opt.uncertainty.sources import Sources
+from posture_opt.uncertainty.tool_point import ToolPoint
 from posture_opt.units import fixed
 
 

@@ -24,9 +24,9 @@ from posture_opt.selection.search.multistart import until_found_often
 from posture_opt.selection.search.search_outcome import DISTANCE_ROUNDING, is_clear
 from posture_opt.selection.tasks.custom import Custom
 from posture_opt.selection.tasks.workpiece import Direction
-from posture_opt.selection.terms.near_posture import NearPosture
-from posture_opt.uncertainty.sources.sources import Sources
-from posture_opt.uncertainty.spread.task_spread import across_basis
+from posture_opt.selection.terms.joint_terms import NearPosture
+from posture_opt.uncertainty.sources import Sources
+from posture_opt.uncertainty.task_spread import across_basis
 from posture_opt.units import JointQuantity, number
 
 _SEED = 0

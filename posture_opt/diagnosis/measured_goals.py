@@ -12,8 +12,8 @@ from posture_opt.measurements.measurements import Measurements, arm_for, rows_of
 from posture_opt.numerics import Json
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.program.task_target import Reach, TaskTarget
-from posture_opt.uncertainty.moments.tool_point import ToolPoint
-from posture_opt.uncertainty.regions.clearance import central_radii
+from posture_opt.uncertainty.clearance import central_radii
+from posture_opt.uncertainty.tool_point import ToolPoint
 
 Floats = np.ndarray
 Postures = Sequence[np.ndarray]

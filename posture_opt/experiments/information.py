@@ -45,8 +45,8 @@ from posture_opt.model.chain import factor_values, walk
 from posture_opt.numerics import Array, Mask
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.problem_data import ProblemData
-from posture_opt.uncertainty.moments.tool_point import ToolPoint
-from posture_opt.uncertainty.sources.sources import Sources
+from posture_opt.uncertainty.sources import Sources
+from posture_opt.uncertainty.tool_point import ToolPoint
 
 OF_PLACES = ("place", "second_arm")
 """Groups of parameters that belong to what is measured, and not to the arm."""

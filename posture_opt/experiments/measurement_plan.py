@@ -22,7 +22,7 @@ from posture_opt.robot.robot import Joint, Robot
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.statements import Quantity, Statement, state
 from posture_opt.texts import csv_line
-from posture_opt.uncertainty.regions.clearance import PARTS
+from posture_opt.uncertainty.clearance import PARTS
 
 Purpose = Literal["parameters", "task", "recheck"]
 INSTRUMENT = "instrument"

@@ -31,8 +31,8 @@ from posture_opt.measurements.measurements import Measurements, nominal_poses
 from posture_opt.numerics import Array, Progress
 from posture_opt.selection.problem_data import ProblemData, with_fallbacks
 from posture_opt.selection.select_posture import planned_posture
-from posture_opt.selection.terms.limit_margin import LimitMargin
-from posture_opt.selection.terms.link_height import LinkHeight
+from posture_opt.selection.terms.arm_terms import LinkHeight
+from posture_opt.selection.terms.joint_terms import LimitMargin
 from posture_opt.statements import Statement, state
 from posture_opt.workers import Executor, Workers, opened
 

@@ -17,7 +17,7 @@ from posture_opt.problem.problem import Problem
 from posture_opt.selection.answer.selector import PostureSelector
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.select_posture import select_posture
-from posture_opt.uncertainty.spread.spread import Spread, propagate
+from posture_opt.uncertainty.spread import Spread, propagate
 
 
 class Following:

@@ -24,7 +24,7 @@ from posture_opt.report.scene.arm_geometry import ArmGeometry
 from posture_opt.report.scene.arm_solids import ArmSolids
 from posture_opt.robot.posture import Posture, drawn_between
 from posture_opt.selection.answer.solution import Solution
-from posture_opt.uncertainty.spread.spread import Spread, propagate
+from posture_opt.uncertainty.spread import Spread, propagate
 
 _TARGET = "target"  # The group of keys that a command line states by options
 

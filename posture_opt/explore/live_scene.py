@@ -37,12 +37,12 @@ from posture_opt.report.scene.arm_geometry import (
 from posture_opt.report.scene.arm_solids import COLOURS, ArmSolids
 from posture_opt.report.scene.arm_view import Triangles, arrow
 from posture_opt.selection.answer.solution import Solution
-from posture_opt.uncertainty.simulation.cloud import cloud_of
+from posture_opt.uncertainty.cloud import cloud_of
 
 if TYPE_CHECKING:
     import viser
 
-    from posture_opt.uncertainty.spread.spread import Spread
+    from posture_opt.uncertainty.spread import Spread
 
 
 class LiveCell:

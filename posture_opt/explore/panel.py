@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 
     from posture_opt.report.scene.arm_geometry import ArmGeometry
     from posture_opt.selection.answer.solution import Solution
-    from posture_opt.uncertainty.spread.budget import ShareGroup
-    from posture_opt.uncertainty.spread.spread import Spread
+    from posture_opt.uncertainty.budget import ShareGroup
+    from posture_opt.uncertainty.spread import Spread
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from posture_opt.model.compiled import BatchFunction
 from posture_opt.numerics import Array
 from posture_opt.robot.posture import drawn_between
 from posture_opt.robot.robot import Robot
-from posture_opt.uncertainty.spread.spread_function import spread_expressions
+from posture_opt.uncertainty.spread_function import spread_expressions
 
 POSTURES = 5
 # Of the largest entry of an output: thousands of roundings, and square roots where two variances nearly agree.

@@ -13,7 +13,7 @@ from posture_opt import __version__
 from posture_opt.export.export_format import Exported, ExportFormat, ExportSource, objective_or_note
 from posture_opt.model.c_source import python_source
 from posture_opt.texts import one_line
-from posture_opt.uncertainty.spread.spread_function import spread_expressions
+from posture_opt.uncertainty.spread_function import spread_expressions
 
 _MODULE_HEADER = '''"""{title}
 

@@ -31,7 +31,7 @@ from posture_opt.robot.robot import Robot
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.select_posture import Answer
 from posture_opt.selection.tasks.path_task import PathTask
-from posture_opt.uncertainty.spread.joint_digits import JointDigits, joint_digits
+from posture_opt.uncertainty.joint_digits import JointDigits, joint_digits
 
 if TYPE_CHECKING:
     from posture_opt.compensation.compensation import Compensation

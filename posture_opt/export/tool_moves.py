@@ -20,7 +20,7 @@ from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.program.optimisation_problem import held_joints
 from posture_opt.selection.search.search_outcome import is_clear
-from posture_opt.uncertainty.spread.joint_digits import joint_digits
+from posture_opt.uncertainty.joint_digits import joint_digits
 
 # Speed of the tool point [m/s] at 100 % where the task states none: the reduced speed of ISO 10218-1.
 REDUCED_SPEED = 0.25

@@ -18,8 +18,8 @@ from posture_opt.model.effects import CatalogueEntry, Effect, NoiseEffect
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.tasks import Task
-from posture_opt.uncertainty.sources.sources import Sources, covariance_issues
-from posture_opt.uncertainty.sources.uncertainty_section import MeasurementSpec, read_covariance
+from posture_opt.uncertainty.sources import Sources, covariance_issues
+from posture_opt.uncertainty.uncertainty_section import MeasurementSpec, read_covariance
 
 
 def arm_with(robot: Robot, effects: tuple[CatalogueEntry, ...], task: Task | None) -> Arm:

@@ -16,8 +16,8 @@ from posture_opt.robot.corrections import corrections_of, deviated, name_issues
 from posture_opt.robot.robot import Factor, Robot
 from posture_opt.selection.problem_data import NEGLIGIBLE, FittedArm
 from posture_opt.texts import one_line
-from posture_opt.uncertainty.sources.sources import Sources
-from posture_opt.uncertainty.sources.uncertainty_section import covariance_text
+from posture_opt.uncertainty.sources import Sources
+from posture_opt.uncertainty.uncertainty_section import covariance_text
 from posture_opt.units import DIMENSIONS, parse_quantity
 
 if TYPE_CHECKING:

@@ -30,9 +30,9 @@ from posture_opt.robot.robot import Robot
 from posture_opt.robot.urdf import pitched_rolls
 from posture_opt.selection.tasks import Task
 from posture_opt.texts import checked
-from posture_opt.uncertainty.sources.repeatability import joint_sigmas
-from posture_opt.uncertainty.sources.sources import Sources
-from posture_opt.uncertainty.sources.uncertainty_section import UncertaintySpec
+from posture_opt.uncertainty.repeatability import joint_sigmas
+from posture_opt.uncertainty.sources import Sources
+from posture_opt.uncertainty.uncertainty_section import UncertaintySpec
 
 # Lists whose entries speak for themselves: one that cannot be read leaves the others
 _SEPARABLE_LISTS: tuple[KeyPath, ...] = (

@@ -34,8 +34,8 @@ from posture_opt.problem.yaml_source import Plain, ProblemDocument, Section
 from posture_opt.robot.posture import Posture
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.problem_data import FittedArm, ProblemData
-from posture_opt.uncertainty.sources.sources import Sources
-from posture_opt.uncertainty.sources.uncertainty_section import UncertaintySpec
+from posture_opt.uncertainty.sources import Sources
+from posture_opt.uncertainty.uncertainty_section import UncertaintySpec
 
 if TYPE_CHECKING:
     from posture_opt.calibration.calibration import Calibration

@@ -25,7 +25,7 @@ from posture_opt.selection.solvers.ipopt import Ipopt
 from posture_opt.selection.tasks import Task, known_to, task_class
 from posture_opt.spec import Spec
 from posture_opt.spec import one_of as any_of
-from posture_opt.uncertainty.sources.uncertainty_section import UncertaintySpec
+from posture_opt.uncertainty.uncertainty_section import UncertaintySpec
 from posture_opt.units import BY_JOINT_TYPE, BY_NAME, DIMENSIONS
 
 TITLE = "Problem file of posture_opt"

@@ -8,10 +8,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from posture_opt.files import preset_names
-from posture_opt.robot.dh import DhRobot
+from posture_opt.robot.dh import DhRobot, MdhRobot
 from posture_opt.robot.flange import FlangeRobot
 from posture_opt.robot.format import FrameSpec, JointSpec, RobotFormat
-from posture_opt.robot.mdh import MdhRobot
 from posture_opt.robot.preset import PresetRobot, load_preset, preset_text
 from posture_opt.robot.robot import Capsule, Factor, Joint, Repeatability, Robot, frame_factors
 from posture_opt.robot.urdf import UrdfRobot

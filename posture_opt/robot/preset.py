@@ -18,9 +18,8 @@ from posture_opt.files import packaged
 from posture_opt.files import preset_names as preset_names
 from posture_opt.robot.controller_file import CALIBRATED_MAKERS, controller_values
 from posture_opt.robot.corrections import corrections_of, deviated, with_velocities
-from posture_opt.robot.dh import DhRobot
+from posture_opt.robot.dh import DhRobot, MdhRobot
 from posture_opt.robot.format import FrameSpec, RobotFormat
-from posture_opt.robot.mdh import MdhRobot
 from posture_opt.robot.robot import Factor, Repeatability, Robot
 from posture_opt.robot.shape_section import shaped
 from posture_opt.spec import Spec

@@ -21,8 +21,8 @@ from posture_opt.robot.corrections import corrections_of
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.solvers import Solver
 from posture_opt.selection.tasks import Task
-from posture_opt.uncertainty.sources.sources import Sources
-from posture_opt.uncertainty.sources.uncertainty_section import MeasurementSpec
+from posture_opt.uncertainty.sources import Sources
+from posture_opt.uncertainty.uncertainty_section import MeasurementSpec
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)

@@ -24,10 +24,10 @@ from posture_opt.selection.maps.map_points import MapPoint
 from posture_opt.selection.maps.target_map import TargetMap, map_targets
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.statements import Quantity, Statement, state
-from posture_opt.uncertainty.moments.tool_point import ToolPoint
-from posture_opt.uncertainty.regions.clearance import central_radii
-from posture_opt.uncertainty.regions.regions import coverage_factor
-from posture_opt.uncertainty.spread.spread import ellipse_basis
+from posture_opt.uncertainty.clearance import central_radii
+from posture_opt.uncertainty.regions import coverage_factor
+from posture_opt.uncertainty.spread import ellipse_basis
+from posture_opt.uncertainty.tool_point import ToolPoint
 from posture_opt.validation.coverage import squared_distances
 from posture_opt.workers import Executor
 

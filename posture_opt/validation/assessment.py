@@ -21,7 +21,7 @@ from posture_opt.numerics import Array, Codes, Json
 from posture_opt.result import Result
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.statements import Quantity, Statement, notation, state
-from posture_opt.uncertainty.regions.regions import Ellipsoid, hotelling_factor
+from posture_opt.uncertainty.regions import Ellipsoid, hotelling_factor
 from posture_opt.units import fixed
 from posture_opt.validation.model_errors import (
     TEST_LEVEL,

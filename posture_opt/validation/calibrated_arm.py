@@ -17,7 +17,7 @@ from posture_opt.selection.comparison.compare import compare_plans
 from posture_opt.selection.comparison.comparison import Comparison
 from posture_opt.selection.problem_data import FittedArm, ProblemData
 from posture_opt.statements import Statement, state
-from posture_opt.uncertainty.sources.sources import Sources
+from posture_opt.uncertainty.sources import Sources
 from posture_opt.validation.assessment import Assessment, assess
 from posture_opt.validation.residual_scatter import covariance_under, residual_scatter
 from posture_opt.validation.spread_check import SpreadCheck, check_spread

@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 
 from posture_opt.numerics import Array, Codes, Json, Mask
-from posture_opt.uncertainty.regions.regions import coverage_factor
+from posture_opt.uncertainty.regions import coverage_factor
 from posture_opt.validation.prediction import Prediction
 
 Verdict = Literal["right", "understated", "overstated"]

@@ -11,7 +11,7 @@ import numpy as np
 
 from posture_opt.errors import InsufficientDataError
 from posture_opt.numerics import Array, Codes, Mask
-from posture_opt.uncertainty.regions.regions import NORMAL95
+from posture_opt.uncertainty.regions import NORMAL95
 from posture_opt.validation.scatter_model import Scatter, joint_covariances
 
 _MAX_SCORING_STEPS = 200  # of Fisher scoring; five to twenty suffice

@@ -9,7 +9,7 @@ import numpy as np
 
 from posture_opt.measurements.measurements import Measurements, group_means
 from posture_opt.numerics import Array, Codes, Json, finite_or_none, rms
-from posture_opt.uncertainty.regions.regions import RANK_TOLERANCE
+from posture_opt.uncertainty.regions import RANK_TOLERANCE
 
 TEST_LEVEL = 0.05  # of the tests: so often a mean that is zero is called not zero
 

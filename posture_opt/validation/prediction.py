@@ -14,8 +14,8 @@ from posture_opt.model.effects import NoiseEffect
 from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.problem_data import ProblemData
-from posture_opt.uncertainty.sources.repeatability import joint_sigmas
-from posture_opt.uncertainty.sources.sources import Sources
+from posture_opt.uncertainty.repeatability import joint_sigmas
+from posture_opt.uncertainty.sources import Sources
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ import numpy as np
 
 from posture_opt.measurements.measurements import Measurements, outlying_groups, rows_of
 from posture_opt.numerics import Array, Codes, Json
-from posture_opt.uncertainty.regions.regions import standard_deviation_interval
-from posture_opt.uncertainty.sources.repeatability import (
+from posture_opt.uncertainty.regions import standard_deviation_interval
+from posture_opt.uncertainty.repeatability import (
     OrientationPerformance,
     PositionPerformance,
     orientation_performance,

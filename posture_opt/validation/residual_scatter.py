@@ -15,7 +15,7 @@ from posture_opt.measurements.repeats import MIN_FREEDOM, Contrasts
 from posture_opt.model.effects import NoiseEffect
 from posture_opt.numerics import Array, Codes, rms
 from posture_opt.selection.problem_data import ProblemData
-from posture_opt.uncertainty.sources.repeatability import joint_sigmas
+from posture_opt.uncertainty.repeatability import joint_sigmas
 from posture_opt.validation.joint_variances import JointVariances, likeliest_variances
 from posture_opt.validation.prediction import (
     JointScatter,

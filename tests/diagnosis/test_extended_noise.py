@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 import posture_opt as po
-from posture_opt.uncertainty.sources.sources import Sources
+from posture_opt.uncertainty.sources import Sources
 from tests.helpers.planar_files import SHORT
 from tests.hidden.draw import draw
 from tests.hidden.files import write

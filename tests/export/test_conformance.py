@@ -13,7 +13,7 @@ import posture_opt as po
 from posture_opt.export import PROGRAM_FORMATS
 from posture_opt.export.export_files import export_kinds, program_files
 from posture_opt.export.robot_program import MotionRequest
-from posture_opt.uncertainty.spread.joint_digits import scatter
+from posture_opt.uncertainty.joint_digits import scatter
 from tests.export.programs import READERS, answer_program
 from tests.helpers.command_line import invoke
 from tests.helpers.folders import names as names_in

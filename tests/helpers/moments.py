@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from posture_opt.uncertainty.sources.sources import Sources
+from posture_opt.uncertainty.sources import Sources
 from tests.helpers.shipped import preset_robot
 from tests.helpers.stated import stated
 

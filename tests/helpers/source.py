@@ -34,7 +34,6 @@ ROOMS += ["problem", "export", "report", "explore", "cli"]
 """The rooms of the package in the order in which they may import each other: each only those before it."""
 
 SUBROOMS: dict[str, list[str]] = {
-    "uncertainty": ["regions", "sources", "moments", "spread", "simulation"],
     "selection": [
         *("terms", "tasks", "registered_tasks", "program", "solvers"),
         *("problem_data", "search", "answer", "stations", "maps", "paths"),

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import posture_opt as po
-from posture_opt.uncertainty.sources.sources import Sources
+from posture_opt.uncertainty.sources import Sources
 
 
 def stated(robot: po.Robot, sources: Sources) -> Any:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.uncertainty.spread.spread_function import covariance_c
+from posture_opt.uncertainty.spread_function import covariance_c
 from tests.helpers.shipped import PROBLEMS
 from tests.helpers.variants import conformance
 

@@ -17,8 +17,8 @@ import pytest
 import yaml
 
 import posture_opt as po
-from posture_opt.uncertainty.moments.tool_point import ToolPoint
-from posture_opt.uncertainty.sources.uncertainty_section import covariance_text
+from posture_opt.uncertainty.tool_point import ToolPoint
+from posture_opt.uncertainty.uncertainty_section import covariance_text
 from tests.helpers import measured_ur10 as arm
 from tests.helpers.command_line import invoke
 from tests.helpers.shipped import PROBLEMS

@@ -23,7 +23,7 @@ from posture_opt.report.scene.arm_figure import plot_solution, plot_spread
 from posture_opt.report.scene.arm_geometry import ErrorRegion
 from posture_opt.report.text.words import roll_pitch_yaw
 from posture_opt.statements import Quantity
-from posture_opt.uncertainty.simulation.cloud import cloud_of
+from posture_opt.uncertainty.cloud import cloud_of
 from posture_opt.units import plus_minus
 from tests.helpers.folders import names as names_in
 from tests.helpers.fresh import loaded_by

@@ -11,7 +11,7 @@ import pytest
 
 import posture_opt as po
 from posture_opt.selection.terms import criteria
-from posture_opt.uncertainty.regions.clearance import log_miss_probability, within_clearance
+from posture_opt.uncertainty.clearance import log_miss_probability, within_clearance
 from tests.helpers.factors import joint_jacobian
 from tests.helpers.variants import conformance
 

@@ -13,9 +13,8 @@ import pytest
 import posture_opt as po
 from posture_opt.errors import InputError, NoSolutionError
 from posture_opt.selection.terms import TERMS, Term
-from posture_opt.selection.terms.joint_torque import JointTorque
-from posture_opt.selection.terms.orientation_spread import OrientationSpread
-from posture_opt.selection.terms.success import Success
+from posture_opt.selection.terms.arm_terms import JointTorque
+from posture_opt.selection.terms.spreads import OrientationSpread, Success
 from tests.helpers.pin import PinArm, robots_folder
 from tests.helpers.said import said
 from tests.helpers.sampled import sampled_pose

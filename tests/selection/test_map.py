@@ -12,7 +12,7 @@ import pytest
 from click.testing import Result
 
 import posture_opt as po
-from posture_opt.uncertainty.regions.clearance import central_radii, radius_in_space
+from posture_opt.uncertainty.clearance import central_radii, radius_in_space
 from tests.helpers.command_line import invoke
 from tests.helpers.folders import names as names_in
 

@@ -13,7 +13,7 @@ from posture_opt.robot.corrections import deviated
 from posture_opt.selection.comparison import compare
 from posture_opt.selection.comparison.predicted_error import JudgedAnswer, judged_answer
 from posture_opt.selection.problem_data import ProblemData
-from posture_opt.uncertainty.sources.sources import Sources
+from posture_opt.uncertainty.sources import Sources
 from tests.helpers.planar_2r import position
 
 LONGER = 3e-4  # m of the second link

@@ -14,7 +14,7 @@ from posture_opt.selection.registered_tasks import kind_of
 from posture_opt.selection.tasks import TASKS
 from posture_opt.selection.tasks.path_task import SeamTask
 from posture_opt.selection.terms import TERMS, Term
-from posture_opt.selection.terms.manipulability import Manipulability
+from posture_opt.selection.terms.dexterity import Manipulability
 from tests.helpers.factors import differences, joint_jacobian
 from tests.helpers.variants import conformance
 

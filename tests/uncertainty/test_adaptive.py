@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.uncertainty.simulation.sampler import adaptive
+from posture_opt.uncertainty.sampler import adaptive
 
 
 def additive(rng, n):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, ncx2
 
-from posture_opt.uncertainty.regions.clearance import radius_in_space
+from posture_opt.uncertainty.clearance import radius_in_space
 
 
 def test_isotropic_is_the_chi_quantile() -> None:

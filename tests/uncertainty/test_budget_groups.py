@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.uncertainty.sources.sources import Sources
-from posture_opt.uncertainty.spread.budget import SHARE_TOLERANCE, budgets
+from posture_opt.uncertainty.budget import SHARE_TOLERANCE, budgets
+from posture_opt.uncertainty.sources import Sources
 from tests.helpers.stated import stated
 
 Q6 = (0.3, -1.0, 1.2, 0.4, 0.7, 0.0)

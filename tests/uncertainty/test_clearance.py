@@ -12,7 +12,7 @@ from scipy.special import log_ndtr, ndtr
 from scipy.stats import ncx2
 
 import posture_opt as po
-from posture_opt.uncertainty.regions.clearance import (
+from posture_opt.uncertainty.clearance import (
     log_miss_probability,
     miss_probability,
     radius_for,

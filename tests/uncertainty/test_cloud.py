@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 
 import posture_opt as po
 from posture_opt.robot.preset import load_preset
-from posture_opt.uncertainty.simulation import cloud as cloud_module
-from posture_opt.uncertainty.simulation.sampler import Sampler
-from posture_opt.uncertainty.sources.sources import Sources
+from posture_opt.uncertainty import cloud as cloud_module
+from posture_opt.uncertainty.sampler import Sampler
+from posture_opt.uncertainty.sources import Sources
 from tests.helpers.factors import pose
 from tests.helpers.moments import errors_of, planar
 from tests.helpers.stated import stated

@@ -12,9 +12,9 @@ import pytest
 import posture_opt as po
 from posture_opt.robot.preset import load_preset
 from posture_opt.robot.robot import frame_factors
-from posture_opt.uncertainty.moments.tool_point import ToolPoint
-from posture_opt.uncertainty.sources.sources import Sources
-from posture_opt.uncertainty.spread.budget import budgets
+from posture_opt.uncertainty.budget import budgets
+from posture_opt.uncertainty.sources import Sources
+from posture_opt.uncertainty.tool_point import ToolPoint
 from tests.helpers.moments import correlated, errors_of, scaled
 from tests.helpers.sampled import sampled_pose
 from tests.helpers.stated import stated

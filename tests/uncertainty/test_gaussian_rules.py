@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from posture_opt.uncertainty.moments.gaussian_rules import (
+from posture_opt.uncertainty.gaussian_rules import (
     degree_five,
     degree_three,
     quasi_random,

@@ -9,8 +9,8 @@ import pytest
 from scipy.special import elliprg
 
 import posture_opt as po
-from posture_opt.uncertainty.regions.regions import coverage_probability
-from posture_opt.uncertainty.sources.repeatability import (
+from posture_opt.uncertainty.regions import coverage_probability
+from posture_opt.uncertainty.repeatability import (
     distance_moments,
     orientation_performance,
     position_accuracy,

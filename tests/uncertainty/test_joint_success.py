@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, norm
 
-from posture_opt.uncertainty.regions.clearance import success_probability
-from posture_opt.uncertainty.spread.success_of_all import PlaceErrors, success_of_all
+from posture_opt.uncertainty.clearance import success_probability
+from posture_opt.uncertainty.success_of_all import PlaceErrors, success_of_all
 from tests.helpers.variants import conformance
 
 

@@ -13,12 +13,12 @@ import posture_opt as po
 from posture_opt.model.chain import factor_values, walk
 from posture_opt.robot.preset import load_preset
 from posture_opt.robot.robot import frame_factors
-from posture_opt.uncertainty.moments.exact_moments import plane_of
-from posture_opt.uncertainty.moments.integration import NodePlan
-from posture_opt.uncertainty.moments.pose_covariance import second_order
-from posture_opt.uncertainty.moments.tool_point import ToolPoint
-from posture_opt.uncertainty.regions.regions import Ellipsoid
-from posture_opt.uncertainty.sources.sources import Sources
+from posture_opt.uncertainty.exact_moments import plane_of
+from posture_opt.uncertainty.integration import NodePlan
+from posture_opt.uncertainty.pose_covariance import second_order
+from posture_opt.uncertainty.regions import Ellipsoid
+from posture_opt.uncertainty.sources import Sources
+from posture_opt.uncertainty.tool_point import ToolPoint
 from tests.helpers.moments import correlated, errors_of, planar, raw_moments, scaled
 from tests.helpers.stated import stated
 from tests.helpers.variants import conformance

@@ -9,7 +9,7 @@ import pytest
 
 import posture_opt as po
 from posture_opt.robot.preset import load_preset
-from posture_opt.uncertainty.sources.sources import Sources
+from posture_opt.uncertainty.sources import Sources
 from tests.helpers.moments import correlated, errors_of, scaled
 from tests.helpers.sampled import sampled_pose
 from tests.helpers.stated import stated

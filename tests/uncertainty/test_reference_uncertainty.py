@@ -13,8 +13,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from posture_opt.uncertainty.regions.regions import coverage_factor, hotelling_factor
-from posture_opt.uncertainty.simulation.sampler import adaptive, correlation_matrix, coverage_factors
+from posture_opt.uncertainty.regions import coverage_factor, hotelling_factor
+from posture_opt.uncertainty.sampler import adaptive, correlation_matrix, coverage_factors
 
 # GUM (JCGM 100:2008) H.2: V [V], I [A], phi [rad], five readings; sandialabs/suncal, test/test_GUMH2.csv.
 READINGS = np.array(

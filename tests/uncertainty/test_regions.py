@@ -9,7 +9,7 @@ import pytest
 from scipy.special import chdtr, chdtri, fdtr
 
 import posture_opt as po
-from posture_opt.uncertainty.regions.regions import (
+from posture_opt.uncertainty.regions import (
     Ellipsoid,
     coverage_factor,
     coverage_probability,

@@ -11,7 +11,7 @@ import pytest
 import posture_opt as po
 from posture_opt.robot.preset import load_preset
 from posture_opt.robot.robot import Factor
-from posture_opt.uncertainty.sources.repeatability import joint_sigmas, matching_postures, repeatability_from_covariance
+from posture_opt.uncertainty.repeatability import joint_sigmas, matching_postures, repeatability_from_covariance
 from tests.helpers.factors import parameter_jacobian
 from tests.helpers.stated import stated
 from tests.helpers.variants import STRUCTURES, conformance

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from posture_opt.uncertainty.moments.integration import SharedFactors
+from posture_opt.uncertainty.integration import SharedFactors
 
 
 def correlations(rng, k, rank, own=0.0):

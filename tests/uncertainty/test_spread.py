@@ -13,9 +13,9 @@ from scipy.spatial.transform import Rotation
 import posture_opt as po
 from posture_opt.robot.preset import load_preset
 from posture_opt.robot.robot import frame_factors
-from posture_opt.uncertainty.moments.tool_point import ToolPoint
-from posture_opt.uncertainty.sources.sources import Sources
-from posture_opt.uncertainty.spread.budget import budget
+from posture_opt.uncertainty.budget import budget
+from posture_opt.uncertainty.sources import Sources
+from posture_opt.uncertainty.tool_point import ToolPoint
 from tests.helpers.factors import pose
 from tests.helpers.moments import correlated, errors_of, planar
 from tests.helpers.stated import stated

@@ -10,7 +10,7 @@ import pytest
 import posture_opt as po
 from posture_opt.model.toolchain import find_compiler
 from posture_opt.robot.preset import load_preset
-from posture_opt.uncertainty.sources.sources import Sources
+from posture_opt.uncertainty.sources import Sources
 from tests.helpers.factors import random_postures
 from tests.helpers.moments import correlated, errors_of, planar
 from tests.helpers.stated import stated

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.uncertainty.spread.spread_parts import spread_parts
+from posture_opt.uncertainty.spread_parts import spread_parts
 from tests.helpers.planar_2r import position
 
 Q = (0.4, 1.1)

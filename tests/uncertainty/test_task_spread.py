@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.uncertainty.simulation.sampler import Sampler
+from posture_opt.uncertainty.sampler import Sampler
 
 PLANAR = {
     "robot": {"kind": "preset", "name": "planar_2r"},

@@ -9,8 +9,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from posture_opt.uncertainty.moments.pose_covariance import Validity
-from posture_opt.uncertainty.regions.regions import Ellipsoid
+from posture_opt.uncertainty.pose_covariance import Validity
+from posture_opt.uncertainty.regions import Ellipsoid
 
 LINK_SIGMA = 0.01
 

@@ -13,7 +13,7 @@ from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Progress
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.problem_data import NEGLIGIBLE, ProblemData
-from posture_opt.uncertainty.sources.sources import Sources
+from posture_opt.uncertainty.sources import Sources
 
 
 @dataclass(frozen=True, eq=False, repr=False)

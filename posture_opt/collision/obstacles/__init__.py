@@ -1,15 +1,13 @@
-"""The obstacles: one file each, listed here."""
+"""The obstacles, listed here."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from posture_opt.collision.obstacles.box import Box
-from posture_opt.collision.obstacles.cylinder import Cylinder
 from posture_opt.collision.obstacles.half_space import HalfSpace
 from posture_opt.collision.obstacles.mesh import Mesh
 from posture_opt.collision.obstacles.obstacle import Obstacle
-from posture_opt.collision.obstacles.sphere import Sphere
+from posture_opt.collision.obstacles.solids import Box, Cylinder, Sphere
 from posture_opt.spec import one_of
 
 OBSTACLES: tuple[type[Obstacle], ...] = (Box, Cylinder, Sphere, HalfSpace, Mesh)

@@ -12,8 +12,8 @@ import casadi as ca
 import numpy as np
 from pydantic import Field, PrivateAttr
 
-from posture_opt.collision.obstacles.box import Box
 from posture_opt.collision.obstacles.obstacle import PlacedObstacle, Size
+from posture_opt.collision.obstacles.solids import Box
 from posture_opt.errors import InputError, Issue
 from posture_opt.files import located
 from posture_opt.numerics import TURN, Array, Codes

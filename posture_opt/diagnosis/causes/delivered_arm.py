@@ -28,7 +28,7 @@ from posture_opt.diagnosis.causes.determined_sizes import (
 from posture_opt.model.effects import Effect, NoiseEffect
 from posture_opt.numerics import Array, Codes, Json, rms
 from posture_opt.selection.problem_data import FittedArm, ProblemData
-from posture_opt.uncertainty.sources.sources import Sources
+from posture_opt.uncertainty.sources import Sources
 from posture_opt.validation.calibrated_arm import NOMINAL_KEPT, second_arms
 from posture_opt.validation.residual_scatter import residual_scatter
 

@@ -1,13 +1,12 @@
-"""The kinds of measurement: one file each, listed here."""
+"""The kinds of measurement, listed here."""
 
 from posture_opt.measurements.kinds.camera import MarkerPixels
+from posture_opt.measurements.kinds.contact import PlaneContact, PlaneSpec, PointContact
 from posture_opt.measurements.kinds.distance import AnchorDistance, AnchorSpec
 from posture_opt.measurements.kinds.kind import Kind, MeasuredQuantity, Seen
 from posture_opt.measurements.kinds.level import Level
 from posture_opt.measurements.kinds.mixed import Member, Mixed
 from posture_opt.measurements.kinds.pair import PairContact, PairSpec
-from posture_opt.measurements.kinds.plane import PlaneContact, PlaneSpec
-from posture_opt.measurements.kinds.point import PointContact
 from posture_opt.measurements.kinds.pose import BoardPose, CameraPose, Pose
 from posture_opt.measurements.kinds.position import Position
 

@@ -1,4 +1,4 @@
-"""The effects: one file each, listed here; a file is read when its effect is asked for, by its kind or its class."""
+"""The effects, listed here; a file is read when its effect is asked for, by its kind or its class."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     NOISES: tuple[type[NoiseEffect], ...]
     CATALOGUE: tuple[type[CatalogueEntry], ...]
 
-# The kinds that move the tool point, `EFFECTS`; a kind is the name of its file, and in capitals of its class
+# The kinds that move the tool point, `EFFECTS`; a kind is, in capitals, the name of its class
 MOVING_KINDS = (
     "joint_scale",
     "gear_eccentricity",
@@ -62,8 +62,16 @@ MOVING_KINDS = (
 # The kinds that spread it, or its measurements, `NOISES`; both together are the `CATALOGUE`
 NOISY_KINDS = ("joint_noise", "range_noise", "stated_sigma", "outliers", "correlated_lengths")
 
+# File -> the kinds in it; any other kind is the name of its file
+_FAMILIES = {
+    "gear_errors": ("gear_eccentricity", "gear_second_harmonic", "gear_ripple"),
+    "lost_motion": ("backlash", "hysteresis", "load_backlash"),
+    "thermal": ("thermal_growth", "thermal_offset"),
+    "instrument": ("instrument_scale", "instrument_field"),
+}
 # Kind -> the file of its class, in this folder
 _FILES = {kind: kind for kind in MOVING_KINDS} | {kind: f"noise.{kind}" for kind in NOISY_KINDS}
+_FILES |= {kind: file for file, kinds in _FAMILIES.items() for kind in kinds}
 # Name of a list of classes -> the kinds in it
 _LISTS = {"EFFECTS": MOVING_KINDS, "NOISES": NOISY_KINDS, "CATALOGUE": (*MOVING_KINDS, *NOISY_KINDS)}
 _KINDS = {class_name(kind): kind for kind in _FILES}  # Class name -> kind

@@ -12,8 +12,8 @@ import numpy as np
 from posture_opt.report.page.colours import BLUE, GREY, ORANGE, VERMILLION
 from posture_opt.report.page.style import legend, new_axes, new_figure, styled
 from posture_opt.statements.notation import length_unit
-from posture_opt.uncertainty.regions.regions import Ellipsoid
-from posture_opt.uncertainty.sources.sources import source_words
+from posture_opt.uncertainty.regions import Ellipsoid
+from posture_opt.uncertainty.sources import source_words
 from posture_opt.units import ERROR_UNITS
 
 if TYPE_CHECKING:

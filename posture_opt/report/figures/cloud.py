@@ -17,8 +17,8 @@ from posture_opt.report.page.colours import BLUE, CLEARANCE_COLOUR, GREY, ORANGE
 from posture_opt.report.page.style import Look, legend, new_axes, new_figure, square, styled
 from posture_opt.report.text.words import PARTS, line_words
 from posture_opt.statements.notation import length, length_unit, stated_length
-from posture_opt.uncertainty.regions.regions import Ellipsoid, coverage_factor
-from posture_opt.uncertainty.simulation.cloud import cloud_of
+from posture_opt.uncertainty.cloud import cloud_of
+from posture_opt.uncertainty.regions import Ellipsoid, coverage_factor
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from posture_opt import Cloud, Spread
-    from posture_opt.uncertainty.regions.clearance import Critical
-    from posture_opt.uncertainty.spread.task_spread import TaskSpread
+    from posture_opt.uncertainty.clearance import Critical
+    from posture_opt.uncertainty.task_spread import TaskSpread
 
 _PARALLEL_SINE = 1e-6  # sine of the angle below which two lines are one
 

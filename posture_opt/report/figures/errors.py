@@ -13,7 +13,7 @@ from posture_opt.report.page.style import MODEL_DASHES, Look, legend, new_axes, 
 from posture_opt.report.parts.model_tables import distinct_columns
 from posture_opt.report.text.words import MODEL_NAMES
 from posture_opt.statements.notation import length, length_unit
-from posture_opt.uncertainty.regions.regions import Ellipsoid
+from posture_opt.uncertainty.regions import Ellipsoid
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

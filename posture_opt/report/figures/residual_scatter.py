@@ -16,7 +16,7 @@ from posture_opt.report.figures.residuals import chosen_rows, dots_look
 from posture_opt.report.page.colours import BLUE, GREEN, GREY, ORANGE, VERMILLION
 from posture_opt.report.page.style import Look, legend, new_figure, square, styled
 from posture_opt.report.text.words import line_words
-from posture_opt.uncertainty.regions.regions import Ellipsoid, coverage_factor, hotelling_factor
+from posture_opt.uncertainty.regions import Ellipsoid, coverage_factor, hotelling_factor
 from posture_opt.validation.prediction import ErrorSources, prismatic_joints
 from posture_opt.validation.repeat_scatter import repeat_errors
 

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from posture_opt import Solution, Spread
-    from posture_opt.uncertainty.spread.budget import ShareGroup
-    from posture_opt.uncertainty.spread.task_spread import TaskSpread
+    from posture_opt.uncertainty.budget import ShareGroup
+    from posture_opt.uncertainty.task_spread import TaskSpread
 
 _GRID_VALUES = 181
 

@@ -31,16 +31,16 @@ from posture_opt.statements.notation import (
     shift,
     stated_length,
 )
-from posture_opt.uncertainty.sources.sources import ANGLE, conditions, source_size, source_words, stated_name
-from posture_opt.uncertainty.spread.joint_digits import readable_digits, readable_posture
-from posture_opt.uncertainty.spread.spread import HasSources
+from posture_opt.uncertainty.joint_digits import readable_digits, readable_posture
+from posture_opt.uncertainty.sources import ANGLE, conditions, source_size, source_words, stated_name
+from posture_opt.uncertainty.spread import HasSources
 from posture_opt.units import fixed
 
 if TYPE_CHECKING:
     from posture_opt.collision.pairs import Clearance
     from posture_opt.collision.scene import Scene
     from posture_opt.selection.problem_data import ProblemData
-    from posture_opt.uncertainty.spread.spread import Spread
+    from posture_opt.uncertainty.spread import Spread
 
 joint_values = readable_posture
 _NEGLIGIBLE_SHARE = 1e-3  # of the largest standard deviation of its kind

@@ -24,7 +24,7 @@ from posture_opt.statements.notation import (
     stated_angle,
     stated_length,
 )
-from posture_opt.uncertainty.spread.joint_digits import readable_digits
+from posture_opt.uncertainty.joint_digits import readable_digits
 from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:

@@ -25,8 +25,8 @@ from posture_opt.statements.notation import (
     shift,
     stated,
 )
-from posture_opt.uncertainty.regions.regions import deviation
-from posture_opt.uncertainty.sources.sources import source_size
+from posture_opt.uncertainty.regions import deviation
+from posture_opt.uncertainty.sources import source_size
 from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:

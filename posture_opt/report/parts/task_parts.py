@@ -19,16 +19,16 @@ from posture_opt.report.text.blocks import Block, Table
 from posture_opt.report.text.words import CRITERIA, REGIONS, direction_words, line_words
 from posture_opt.selection.registered_tasks import part_words
 from posture_opt.statements.notation import angle, length, lengths, percent, probability, stated_length
-from posture_opt.uncertainty.regions.regions import Ellipsoid
-from posture_opt.uncertainty.sources.sources import source_size, source_words
-from posture_opt.uncertainty.spread.budget import SHARE_TOLERANCE, ShareGroup
+from posture_opt.uncertainty.budget import SHARE_TOLERANCE, ShareGroup
+from posture_opt.uncertainty.regions import Ellipsoid
+from posture_opt.uncertainty.sources import source_size, source_words
 from posture_opt.units import fixed, shown
 
 if TYPE_CHECKING:
     from posture_opt import Spread, Task
     from posture_opt.selection.problem_data import ProblemData
-    from posture_opt.uncertainty.regions.clearance import Critical
-    from posture_opt.uncertainty.spread.task_spread import TaskSpread
+    from posture_opt.uncertainty.clearance import Critical
+    from posture_opt.uncertainty.task_spread import TaskSpread
 
 _MAX_NAMED_SOURCES = 3  # sources of a group that are named
 

@@ -19,7 +19,7 @@ from posture_opt.report.text.text import render
 from posture_opt.report.text.words import CRITERIA
 from posture_opt.selection.answer.solution_statements import part_of
 from posture_opt.statements.notation import joint_unit, length, length_unit, place, probability, stated_length
-from posture_opt.uncertainty.spread.joint_digits import joint_digits
+from posture_opt.uncertainty.joint_digits import joint_digits
 
 if TYPE_CHECKING:
     from posture_opt.report.page.save import Files

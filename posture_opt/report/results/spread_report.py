@@ -22,9 +22,9 @@ from posture_opt.report.results import figures_of, scene_of
 from posture_opt.report.text.blocks import Block, Facts, Summary, Table
 from posture_opt.report.text.words import line_words
 from posture_opt.statements.notation import length, length_unit, lengths, percent, place
-from posture_opt.uncertainty.regions.clearance import PARTS
-from posture_opt.uncertainty.regions.regions import coverage_factor, deviation
-from posture_opt.uncertainty.simulation.sampler import variance_intervals
+from posture_opt.uncertainty.clearance import PARTS
+from posture_opt.uncertainty.regions import coverage_factor, deviation
+from posture_opt.uncertainty.sampler import variance_intervals
 from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:

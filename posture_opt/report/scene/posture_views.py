@@ -15,8 +15,8 @@ from posture_opt.report.scene.arm_view import ArmView, ShownPosture
 from posture_opt.report.text.words import PARTS
 from posture_opt.robot.robot import BASE, TOOL
 from posture_opt.statements.notation import length, place
-from posture_opt.uncertainty.spread.budget import Share
-from posture_opt.uncertainty.spread.spread import propagate, relative_spread
+from posture_opt.uncertainty.budget import Share
+from posture_opt.uncertainty.spread import propagate, relative_spread
 from posture_opt.units import ERROR_UNITS, plus_minus
 
 if TYPE_CHECKING:

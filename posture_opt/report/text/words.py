@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from posture_opt.selection.registered_tasks import part_words as part_words
-from posture_opt.uncertainty.regions.clearance import PARTS as PARTS
-from posture_opt.uncertainty.sources.sources import source_size as source_size
-from posture_opt.uncertainty.sources.sources import source_words as source_words
+from posture_opt.uncertainty.clearance import PARTS as PARTS
+from posture_opt.uncertainty.sources import source_size as source_size
+from posture_opt.uncertainty.sources import source_words as source_words
 from posture_opt.units import fixed
 
 Vector: TypeAlias = Sequence[float] | NDArray[np.float64]

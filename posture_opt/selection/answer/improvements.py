@@ -19,7 +19,7 @@ from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.program.task_target import Reach, TaskTarget
 from posture_opt.selection.search.engine import STEPS, Engine
 from posture_opt.selection.search.search_outcome import is_clear
-from posture_opt.uncertainty.sources.sources import Sources, stated_name
+from posture_opt.uncertainty.sources import Sources, stated_name
 
 MIN_GAIN = 0.005  # a smaller relative gain is none
 

@@ -32,7 +32,7 @@ from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE
 from posture_opt.selection.tasks import Task
-from posture_opt.selection.terms.limit_margin import LimitMargin
+from posture_opt.selection.terms.joint_terms import LimitMargin
 from posture_opt.selection.terms.term import LowerBoundedTerm, Quantities
 
 _MARGIN = math.radians(5.0)  # room to approach, retract and touch up from there

@@ -24,10 +24,10 @@ from posture_opt.selection.program.optimisation_problem import OptimisationProbl
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE
 from posture_opt.selection.solvers import Solver
-from posture_opt.selection.terms.manipulability import Manipulability
-from posture_opt.uncertainty.regions.clearance import Critical
-from posture_opt.uncertainty.regions.regions import deviation
-from posture_opt.uncertainty.spread.peg_spread import peg_spread
+from posture_opt.selection.terms.dexterity import Manipulability
+from posture_opt.uncertainty.clearance import Critical
+from posture_opt.uncertainty.peg_spread import peg_spread
+from posture_opt.uncertainty.regions import deviation
 
 _PARALLEL = 0.02  # sine [1] up to which axes are parallel, cosine up to which they are perpendicular; corrections lean
 _ROUNDING = 1e-12  # m² or 1: a sign of less is that of a singular posture, which counts as not positive

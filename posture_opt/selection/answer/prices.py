@@ -26,9 +26,9 @@ from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.elastic_problem import AXIS, TARGET
 from posture_opt.selection.search.engine import Confirmation, Engine
 from posture_opt.selection.solvers import Ends
-from posture_opt.uncertainty.moments.tool_point import ToolPoint
-from posture_opt.uncertainty.regions.regions import deviation
-from posture_opt.uncertainty.sources.sources import of_workpiece, relative_twist, stated_name
+from posture_opt.uncertainty.regions import deviation
+from posture_opt.uncertainty.sources import of_workpiece, relative_twist, stated_name
+from posture_opt.uncertainty.tool_point import ToolPoint
 
 _LEAST_MULTIPLIER = 1e-5  # of the scaled objective: what is worth less changes no digit that is stated
 _STEPS = {"rad": math.radians(1.0), "m": 1e-3}  # by which people loosen a requirement: a degree, a millimetre

@@ -62,9 +62,9 @@ from posture_opt.selection.search.search_outcome import (
 )
 from posture_opt.selection.tasks import Task
 from posture_opt.statements import Quantity, Statement, state
-from posture_opt.uncertainty.moments.tool_point import ToolPoint
-from posture_opt.uncertainty.sources.sources import Sources
-from posture_opt.uncertainty.spread.task_spread import lies_in_plane
+from posture_opt.uncertainty.sources import Sources
+from posture_opt.uncertainty.task_spread import lies_in_plane
+from posture_opt.uncertainty.tool_point import ToolPoint
 
 
 @dataclass(frozen=True)

@@ -26,8 +26,8 @@ from posture_opt.selection.search.engine import UNCONFIRMED_JSON, Confirmation, 
 from posture_opt.selection.tasks import Task
 from posture_opt.selection.tasks.workpiece import Combine
 from posture_opt.statements import Statement
-from posture_opt.uncertainty.sources.sources import ANGLE, FEATURE, POSITION, stated_name
-from posture_opt.uncertainty.spread.success_of_all import JointSuccess, PlaceErrors, success_of_all
+from posture_opt.uncertainty.sources import ANGLE, FEATURE, POSITION, stated_name
+from posture_opt.uncertainty.success_of_all import JointSuccess, PlaceErrors, success_of_all
 
 if TYPE_CHECKING:
     from posture_opt.selection.answer.path_answer import Motion, Naive, PathAnswer, PathBreak, TimeLaw

@@ -20,8 +20,8 @@ from posture_opt.selection.tasks.path_task import PathTask
 from posture_opt.selection.tasks.workpiece import WORKPIECE
 from posture_opt.statements import Quantity, Statement, Value, state
 from posture_opt.statements.notation import percent, place, shift
-from posture_opt.uncertainty.sources.sources import source_size
-from posture_opt.uncertainty.spread.joint_digits import readable_posture
+from posture_opt.uncertainty.joint_digits import readable_posture
+from posture_opt.uncertainty.sources import source_size
 from posture_opt.units import joint_text
 
 if TYPE_CHECKING:

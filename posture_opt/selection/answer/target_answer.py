@@ -25,13 +25,13 @@ from posture_opt.selection.search.engine import Engine
 from posture_opt.selection.search.relaxation import Reason, Relaxation
 from posture_opt.selection.search.search_outcome import SearchStatistics
 from posture_opt.statements import Statement
-from posture_opt.uncertainty.regions.clearance import Critical
-from posture_opt.uncertainty.regions.regions import Ellipsoid
-from posture_opt.uncertainty.sources.sources import Sources
-from posture_opt.uncertainty.spread.budget import Share
-from posture_opt.uncertainty.spread.peg_spread import Orientation
-from posture_opt.uncertainty.spread.spread import Spread, budget_json, groups_json, relative_spread
-from posture_opt.uncertainty.spread.task_spread import TaskSpread, sigma_along
+from posture_opt.uncertainty.budget import Share
+from posture_opt.uncertainty.clearance import Critical
+from posture_opt.uncertainty.peg_spread import Orientation
+from posture_opt.uncertainty.regions import Ellipsoid
+from posture_opt.uncertainty.sources import Sources
+from posture_opt.uncertainty.spread import Spread, budget_json, groups_json, relative_spread
+from posture_opt.uncertainty.task_spread import TaskSpread, sigma_along
 
 Status = Literal["optimal", "feasible", "infeasible"]
 

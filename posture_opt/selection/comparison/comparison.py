@@ -18,7 +18,7 @@ from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.search.engine import clusters
 from posture_opt.statements import Quantity, Statement, state
 from posture_opt.statements.notation import joint_value
-from posture_opt.uncertainty.sources.sources import conditions
+from posture_opt.uncertainty.sources import conditions
 
 FIRST = "nominal"
 """The model that others are compared with: the one before calibration."""

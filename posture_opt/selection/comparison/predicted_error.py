@@ -13,10 +13,10 @@ from posture_opt.numerics import TURN, Array
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.problem_data import ProblemData
-from posture_opt.uncertainty.regions.clearance import coverage_radius, within_clearance
-from posture_opt.uncertainty.regions.regions import deviation
-from posture_opt.uncertainty.spread.spread import relative_spread
-from posture_opt.uncertainty.spread.spread_parts import SpreadParts, spread_parts
+from posture_opt.uncertainty.clearance import coverage_radius, within_clearance
+from posture_opt.uncertainty.regions import deviation
+from posture_opt.uncertainty.spread import relative_spread
+from posture_opt.uncertainty.spread_parts import SpreadParts, spread_parts
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,8 +15,8 @@ from posture_opt.selection.answer.target_answer import critical_basis
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.engine import CandidatePosture, Engine
-from posture_opt.uncertainty.regions.clearance import central_radii, coverage_radius, within_clearance
-from posture_opt.uncertainty.spread.task_spread import sigma_along
+from posture_opt.uncertainty.clearance import central_radii, coverage_radius, within_clearance
+from posture_opt.uncertainty.task_spread import sigma_along
 from posture_opt.workers.record_pattern import FINITE, Either, Pattern, recorded
 
 PackedRow = list[Any]

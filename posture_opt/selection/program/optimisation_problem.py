@@ -28,8 +28,8 @@ from posture_opt.selection.tasks import Task
 from posture_opt.selection.terms import criteria
 from posture_opt.selection.terms.term import Quantities, Term
 from posture_opt.statements import Quantity, Statement, state
-from posture_opt.uncertainty.moments.tool_point import Moments, ToolPoint
-from posture_opt.uncertainty.regions.clearance import Within
+from posture_opt.uncertainty.clearance import Within
+from posture_opt.uncertainty.tool_point import Moments, ToolPoint
 
 Alignment = Literal["exact", "loose", "free"]
 

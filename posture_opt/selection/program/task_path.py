@@ -12,7 +12,7 @@ from posture_opt.limits import MOST_PATH_POINTS
 from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.selection.program.task_target import Reach, TaskTarget, turned_about_z
 from posture_opt.selection.tasks.path_task import PathTask
-from posture_opt.uncertainty.spread.task_spread import across_basis
+from posture_opt.uncertainty.task_spread import across_basis
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from posture_opt.numerics import Array
 from posture_opt.robot.posture import drawn_between
 from posture_opt.selection.tasks import Task
 from posture_opt.selection.tasks.workpiece import Workpiece
-from posture_opt.uncertainty.spread.task_spread import across_basis
+from posture_opt.uncertainty.task_spread import across_basis
 
 _DEPENDENT = 1e-7  # rad or m/rad: singular values below it are rounding, of quarter turns typed with seven digits too
 _SAMPLES = 12  # random postures: more than the columns that can be independent, so that none is missed

@@ -19,7 +19,6 @@ import numpy as np
 from posture_opt.model.arm import Arm
 from posture_opt.model.chain import stack
 from posture_opt.model.compiled import BatchFunction, RowLoop
-from posture_opt.model.ldl import ldl, solved
 from posture_opt.numerics import Array
 from posture_opt.robot.posture import drawn_between
 from posture_opt.selection.program.optimisation_problem import Alignment
@@ -193,7 +192,7 @@ def _step_function(arm: Arm, tool_axis: tuple[float, float, float], directions: 
     J = J * ca.repmat((1 - held).T, J.shape[0], 1)
     # A half (Sugihara 2011, eq. 27 to 30) takes a third more steps; the bias keeps the last ones quadratic
     damping = 0.1 * squared + 1e-9
-    dq = -solved(ldl(J.T @ J + damping * ca.SX.eye(robot.n)), (1 - held) * slope)
+    dq = -ca.ldl_solve((1 - held) * slope, *ca.ldl(J.T @ J + damping * ca.SX.eye(robot.n), False))
     longest = ca.mmax(ca.fabs(dq))
     dq = dq * LONGEST_IK_STEP / ca.fmax(longest, LONGEST_IK_STEP)
     moved = ca.fmin(ca.fmax(q + dq, lower), upper)

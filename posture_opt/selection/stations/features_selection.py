@@ -38,9 +38,9 @@ from posture_opt.selection.stations.placement_search import (
 )
 from posture_opt.selection.stations.stations_problem import StationsPoint
 from posture_opt.selection.tasks import Task
-from posture_opt.uncertainty.sources.sources import Sources
-from posture_opt.uncertainty.spread.spread import relative_spread
-from posture_opt.uncertainty.spread.success_of_all import PlaceErrors, success_of_all
+from posture_opt.uncertainty.sources import Sources
+from posture_opt.uncertainty.spread import relative_spread
+from posture_opt.uncertainty.success_of_all import PlaceErrors, success_of_all
 
 
 def _confirmed(solution: Solution) -> Solution:

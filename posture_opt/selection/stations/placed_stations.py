@@ -17,8 +17,8 @@ from posture_opt.selection.search.inverse_kinematics import PARTS, ROW_TOLERANCE
 from posture_opt.selection.search.inverse_kinematics import STEPS as IK_STEPS
 from posture_opt.selection.stations.stations_problem import SharedSuccess, Station, StationErrors, StationsProblem
 from posture_opt.selection.tasks.workpiece import Combine
-from posture_opt.uncertainty.sources.sources import Sources
-from posture_opt.uncertainty.spread.success_of_all import ErrorParts, SharedDraws
+from posture_opt.uncertainty.sources import Sources
+from posture_opt.uncertainty.success_of_all import ErrorParts, SharedDraws
 
 
 @dataclass(frozen=True)

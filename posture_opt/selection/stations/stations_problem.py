@@ -18,9 +18,9 @@ from posture_opt.selection.program.nlp import NonlinearSolver
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.program.task_target import SIZES, TaskTarget, turned_about_z
 from posture_opt.selection.tasks.workpiece import Combine
-from posture_opt.uncertainty.moments.pose_covariance import covariance_root
-from posture_opt.uncertainty.sources.sources import Sources
-from posture_opt.uncertainty.spread.success_of_all import ErrorParts
+from posture_opt.uncertainty.pose_covariance import covariance_root
+from posture_opt.uncertainty.sources import Sources
+from posture_opt.uncertainty.success_of_all import ErrorParts
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import ClassVar, Literal
 
 from posture_opt.selection.tasks.task import Task
-from posture_opt.uncertainty.regions.clearance import Within
+from posture_opt.uncertainty.clearance import Within
 
 
 class Hold(Task):

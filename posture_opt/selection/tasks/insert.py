@@ -9,8 +9,8 @@ from pydantic import Field, model_validator
 
 from posture_opt.errors import BadValueError
 from posture_opt.selection.tasks.task import Task
-from posture_opt.uncertainty.regions.clearance import Within
-from posture_opt.uncertainty.spread.peg_spread import HeldPart
+from posture_opt.uncertainty.clearance import Within
+from posture_opt.uncertainty.peg_spread import HeldPart
 from posture_opt.units import Length
 
 Positive = Annotated[Length, Field(gt=0)]

@@ -13,7 +13,7 @@ from posture_opt.limits import MOST_PATH_POINTS
 from posture_opt.numerics import Array
 from posture_opt.selection.tasks.task import Task, seen_from
 from posture_opt.selection.tasks.workpiece import Direction, Workpiece
-from posture_opt.uncertainty.regions.clearance import Within
+from posture_opt.uncertainty.clearance import Within
 from posture_opt.units import Angle, Length, parse_quantity
 
 Point = tuple[Length, Length, Length]

@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 
 from posture_opt.errors import BadValueError
 from posture_opt.selection.tasks.task import Criterion, Task
-from posture_opt.uncertainty.regions.clearance import Within
+from posture_opt.uncertainty.clearance import Within
 from posture_opt.units import Angle, Length
 
 

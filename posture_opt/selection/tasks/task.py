@@ -20,8 +20,8 @@ from posture_opt.robot.shape_section import product_of
 from posture_opt.selection.tasks.workpiece import Combine, Direction, Features, Workpiece
 from posture_opt.selection.terms import TermSpec
 from posture_opt.spec import Spec
-from posture_opt.uncertainty.regions.clearance import Within
-from posture_opt.uncertainty.spread.peg_spread import HeldPart
+from posture_opt.uncertainty.clearance import Within
+from posture_opt.uncertainty.peg_spread import HeldPart
 from posture_opt.units import Angle, Celsius, Length, Mass, Share, Time
 
 Criterion = Annotated[

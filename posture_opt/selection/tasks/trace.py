@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import ClassVar, Literal
 
 from posture_opt.selection.tasks.path_task import PathTask
-from posture_opt.uncertainty.regions.clearance import Within
+from posture_opt.uncertainty.clearance import Within
 
 
 class Trace(PathTask):

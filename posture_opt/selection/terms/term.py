@@ -22,9 +22,9 @@ from posture_opt.model.chain import Walk
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.terms import criteria
 from posture_opt.spec import Spec
-from posture_opt.uncertainty.moments.tool_point import ToolPoint
-from posture_opt.uncertainty.regions.clearance import Within
-from posture_opt.uncertainty.spread.peg_spread import HeldPart
+from posture_opt.uncertainty.clearance import Within
+from posture_opt.uncertainty.peg_spread import HeldPart
+from posture_opt.uncertainty.tool_point import ToolPoint
 from posture_opt.units import JointQuantity
 
 
