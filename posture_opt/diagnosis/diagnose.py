@@ -300,11 +300,6 @@ class Explained:
     def nested(self) -> NestedSelection:
         return self.names.nested.each[0].with_moments_of(self.model.effects)
 
-    @property
-    def adequacy_p_value(self) -> float:
-        """p-value of the tests for anything left; zero where there are unnamed components."""
-        return 0.0 if self.unnamed else self.adequacy.p_value
-
 
 def explain_calibration(calibration: Calibration, draws: int, seed: int, stages: Stages) -> Explained:
     """What the residuals of a calibration hold, under the gravity and the masses that explain them best.

@@ -125,11 +125,6 @@ class Diagnosis(Result):
         errors, kept = self._delivered_errors
         return rms_length(errors[kept]), int(np.count_nonzero(~kept))
 
-    @property
-    def delivered_outliers(self) -> tuple[int, ...]:
-        """The lines of these outliers."""
-        return tuple(int(line) for line in self.request.data.line[~self._delivered_errors[1]])
-
     @cached_property
     def _delivered_errors(self) -> tuple[Array, Mask]:
         """Position errors (N, 3) [m] of ``extended`` as its file has it, and the rows that are no outliers of it."""

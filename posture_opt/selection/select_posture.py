@@ -40,9 +40,8 @@ def at_one_feature(
 
 @interruptible()
 def select_posture(
-    problem: ProblemData, *, seed: int | None = None, workers: int = 1, progress: Progress | None = None,
-    ordinary: float | None = None,
-) -> Solution:  # fmt: skip
+    problem: ProblemData, *, seed: int | None = None, workers: int = 1, progress: Progress | None = None
+) -> Solution:
     """The posture whose spread hurts the task least, with alternatives and evidence; for a path one at each point.
 
     By the criterion ``worst`` it is ``min_q λ_max(Bᵀ C(q) B)``, the largest variance in the directions that count
@@ -55,8 +54,6 @@ def select_posture(
         seed: of the random starts; the same seed gives the same answer. Default: the problem's.
         workers: processes that share the search; the answer does not depend on it.
         progress: called with (done, most) batches, or parts of a path's search.
-        ordinary: share [1] that an ordinary posture of one target may be worse than the best and come first, 0 never;
-            default: the task's.
 
     Returns:
         ``Solution``: ``posture`` (JOINT: rad or m), ``covariance`` (3, 3) [m²], ``sigma_max`` [m],
@@ -73,9 +70,6 @@ def select_posture(
         ('optimal', '14.3 mm')
     """
     task = task_of(problem)
-    if ordinary is not None:
-        task = task.model_copy(update={"ordinary": ordinary})
-        problem = replace(problem, task=task)
     if task.features:
         of_features: Solution = import_module(_FEATURES).select_for_features(
             problem, seed=seed, workers=workers, progress=progress

@@ -78,8 +78,8 @@ def test_sentences_are_filled(name: str) -> None:
 
 
 def test_a_joint_at_its_limit_is_told_with_what_keeps_it_away() -> None:
-    problem = po.load_problem("insert_panda")
-    found = po.select_posture(problem, ordinary=0.0)
+    problem = po.load_problem("insert_panda").replace(task__ordinary=0.0)
+    found = po.select_posture(problem)
     upper, lower = np.array(problem.robot.upper), np.array(problem.robot.lower)
     (k,) = np.flatnonzero(np.minimum(found.q - lower, upper - found.q) < 1e-4)
     name = problem.robot.joint_names[k]

@@ -105,9 +105,9 @@ def test_reachable_targets_are_never_called_infeasible(name: str) -> None:
 @pytest.mark.parametrize("criterion", conformance(["worst", "trace", "area", "miss"], ["worst"]))
 def test_no_sampled_posture_beats_the_answer(criterion: str) -> None:
     """A Panda at a fixed hole: 300 random postures on the same target, judged by finite differences."""
-    task = {"position": ["0.45 m", "0.1 m", "0.25 m"], "criterion": criterion, "clearance": "0.4 mm"}
+    task = {"position": ["0.45 m", "0.1 m", "0.25 m"], "criterion": criterion, "clearance": "0.4 mm", "ordinary": 0.0}
     given = problem("panda", task, tool={"xyz": ["0 m", "0 m", "0.2 m"], "rpy": ["0 deg", "0 deg", "0 deg"]})
-    solution = po.select_posture(given, ordinary=0.0)
+    solution = po.select_posture(given)
     sigma = dict(zip(given.sources.names, given.sources.sigma, strict=True))
     B = across(np.array([0.0, 0.0, -1.0]))
 
