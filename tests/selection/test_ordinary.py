@@ -100,7 +100,7 @@ def test_alternatives_have_one_posture_a_configuration() -> None:
     """A workpiece that may stand anywhere: turned about the first axis a posture is the same."""
     for position in (None, (0.5, 0.1, 0.2)):
         solution = po.select_posture(problem("kr6_r900", position))
-        named = [(other.configuration, position or f"{other.sigma_max:.3g}") for other in solution.alternatives]
+        named = [(other.configuration, position or f"{other.sigma_max:.6g}") for other in solution.alternatives]
         assert len({*named}) == len(named) > 1
 
 

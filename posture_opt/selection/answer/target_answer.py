@@ -127,7 +127,7 @@ class TargetAnswer(Result):
         """
         first = 1 if self.best_of_all is None else 2
         fixed = self.target.kind == "point"
-        named = [(other.configuration, fixed or f"{other.sigma_max:.3g}") for other in self.optima]
+        named = [(other.configuration, fixed or f"{other.sigma_max:.6g}") for other in self.optima]
         new = [k < first or not name[0] or name not in named[:k] for k, name in enumerate(named)]
         return tuple(other for other, kept in zip(self.optima, new, strict=True) if kept)
 
