@@ -250,6 +250,7 @@ def _joint_limits(joint: UrdfJoint) -> tuple[float, float]:
 
 def _notes(path: list[UrdfJoint], length: float) -> Iterator[str]:
     """What was assumed of a chain, and what no arm has: numbers in another unit than URDF's m and rad."""
+    soft = []
     for joint in path:
         limits = _joint_limits(joint)
         if joint.type == "fixed" and joint.mimics:
@@ -261,9 +262,11 @@ def _notes(path: list[UrdfJoint], length: float) -> Iterator[str]:
         elif joint.type == "revolute" and max(map(abs, limits)) > 4 * TURN:
             yield f"joint {joint.name} turns from {limits[0]:g} to {limits[1]:g} rad: are these degrees?"
         elif joint.type != "fixed" and limits != FULL_TURN and limits != (joint.lower, joint.upper):
-            yield f"limits of joint {joint.name} are those of its <safety_controller>, {limits[0]:g} to {limits[1]:g}"
+            soft.append(joint.name)
         if joint.type != "fixed" and joint.rising:
             yield f"<calibration> of joint {joint.name} is not used; write an offset as corrections: {joint.name}.theta"
+    if soft:
+        yield f"limits in <safety_controller> hold for {listed(soft)}"
     if length > 20:  # m; the largest arms have 5
         yield f"the links are {length:.0f} m long: is the file in mm?"
 
