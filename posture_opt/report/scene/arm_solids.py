@@ -190,9 +190,9 @@ class ArmSolids:
     def _block(self) -> Solid:
         side, height = (factor * self.radius for factor in _BLOCK_SIZE)
         u, v = np.diag([side, side, 0.0])[:2]
-        top, bottom = np.zeros(3), np.array([0.0, 0.0, -height])
-        ends = [rectangle(top, u, v, 1), rectangle(bottom, v, u, 1)]
-        up, middle = -bottom / 2, bottom / 2
+        top, up = np.array([0.0, 0.0, -self.robot.mounting_below]), np.array([0.0, 0.0, height / 2])
+        middle = top - up
+        ends = [rectangle(top, u, v, 1), rectangle(middle - up, v, u, 1)]
         sides = [rectangle(middle + s * a, s * b, up, 1) for a, b in ((u, v), (v, -u)) for s in (1.0, -1.0)]
         return Solid(BASE, "base", 0, np.concatenate([*ends, *sides]))
 
