@@ -66,12 +66,13 @@ def load_mesh(path: Path) -> Any:
     except InputError as error:
         raise UnreadMeshError(f"mesh {path.name}: {error}") from None
     except ImportError:
-        raise UnreadMeshError("meshes are read where trimesh is installed: pip install 'posture_opt[mesh]'") from None
+        raise UnreadMeshError("meshes need a further package: pip install 'posture_opt[mesh]'") from None
     try:
         # From memory: other files that it names, as pictures and materials, are not opened.
         return trimesh.load(BytesIO(data), file_type=path.suffix.lower()[1:], force="mesh", process=False)
     except ImportError:
-        needed = "pip install pycollada" if path.suffix.lower() == ".dae" else "a library of its format"
-        raise UnreadMeshError(f"mesh {path.name} cannot be read without a further package: {needed}") from None
+        kind = path.suffix.lower()
+        needed = "pip install pycollada" if kind == ".dae" else "a library of that format"
+        raise UnreadMeshError(f"{kind} meshes need a further package: {needed}") from None
     except Exception as error:  # of a dozen formats and their readers
         raise UnreadMeshError(f"mesh {path.name} cannot be read ({type(error).__name__})") from None
