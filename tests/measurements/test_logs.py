@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.errors import InputError
 
 UR5E = {"robot": {"kind": "preset", "name": "ur5e", "base": "free", "tool": "free"}}
 NAMES = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
@@ -44,7 +43,7 @@ def test_names_of_joints_inside_of_headers_are_proposed(tmp_path: Path) -> None:
     q, x = rows()
     titles = [f"/joint_states/{name}_joint/{what}" for name in NAMES for what in ("position", "velocity")]
     path = written(tmp_path / "log.csv", ",".join([*titles, "x", "y", "z"]), np.repeat(q, 2, axis=1), x)
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(po.errors.InputError) as caught:
         po.read_measurements(path, po.problem_from_dict(UR5E))
     assert 'elbow: "/joint_states/elbow_joint/position"' in str(caught.value)
     assert 'velocity"' not in caught.value.issues[0].hint
@@ -63,7 +62,7 @@ def test_hidden_markers_are_left_out_and_counted(tmp_path: Path) -> None:
     assert "1 row without any measurement is left out (first line 5)" in data.reading_statements[0].text
     lines[4] += "1"  # z alone
     path.write_text("\n".join(lines))
-    with pytest.raises(InputError, match="the cell is empty"):
+    with pytest.raises(po.errors.InputError, match="the cell is empty"):
         po.read_measurements(path, po.problem_from_dict(UR5E))
 
 
@@ -76,7 +75,7 @@ def test_counted_joints_are_those_of_the_preset() -> None:
 def test_several_markers_in_a_row_and_joints_outside_of_the_chain_say_what_to_do(tmp_path: Path) -> None:
     q, x = rows()
     table = {f"{name} [rad]": q[:, k] for k, name in enumerate(NAMES)}
-    with pytest.raises(InputError, match="one row a marker"):
+    with pytest.raises(po.errors.InputError, match="one row a marker"):
         po.read_measurements(
             table | {f"{a}{k} [m]": x[:, 0] for k in (1, 2) for a in "xyz"}, po.problem_from_dict(UR5E)
         )
@@ -89,7 +88,7 @@ def test_several_markers_in_a_row_and_joints_outside_of_the_chain_say_what_to_do
     )
     (tmp_path / "r.urdf").write_text(urdf)
     robot = {"kind": "urdf", "file": str(tmp_path / "r.urdf"), "base_link": "b", "tip_link": "c"}
-    with pytest.raises(InputError, match="not between base_link and tip_link"):
+    with pytest.raises(po.errors.InputError, match="not between base_link and tip_link"):
         po.read_measurements(
             {
                 "torso_1_joint [m]": [0, 0],
@@ -124,5 +123,5 @@ def test_paths_and_covariances_with_decimal_commas(tmp_path: Path) -> None:
     }  # fmt: skip
     found = po.problem_from_dict(problem)
     assert found.task.points[1] == pytest.approx((0.70025, 0.15, 0))
-    with pytest.raises(InputError, match="the numbers look like mm"):
+    with pytest.raises(po.errors.InputError, match="the numbers look like mm"):
         po.problem_from_dict({**problem, "task": {"kind": "trace", "path": str(tmp_path / "far.csv")}})

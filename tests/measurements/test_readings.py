@@ -9,7 +9,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import posture_opt as po
-from posture_opt.errors import InputError
 from tests.helpers.real_arms import DATA, long_on_real_arms
 from tests.helpers.simulated_arm import SimulatedArm, shift, turn
 
@@ -76,7 +75,7 @@ def named(table: dict[str, np.ndarray], problem: po.Problem) -> list[tuple[str, 
     """Id and hint of every reading that an error or a caution names."""
     try:
         better = po.read_measurements(table, problem).better_reading
-    except InputError as error:
+    except po.errors.InputError as error:
         return [(issue.id, issue.hint) for issue in error.issues]
     return [] if better is None else [(one.id, one.hint) for one in (better.reading, *better.alike)]
 

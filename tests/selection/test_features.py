@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.errors import InputError, NoSolutionError
 from posture_opt.files import problems_folder
 from posture_opt.problem.load import load_problem
 from posture_opt.problem.problem import Problem
@@ -101,7 +100,7 @@ def test_no_random_placement_is_better(name: str) -> None:
                 selector.solve(position=placed(w, f.position), starts=16).critical.sigma_max
                 for f in problem.task.features
             ]
-        except NoSolutionError:
+        except po.errors.NoSolutionError:
             continue
         value = np.mean(sigma) if problem.task.combine == "mean" else np.max(sigma)
         assert value >= found.sigma * (1 - 1e-4)
@@ -182,7 +181,7 @@ def plate(robot: str = "ur10", features: Any = None, **task: Any) -> Problem:
 def test_failure_names_the_feature_and_a_move_that_suffices() -> None:
     stands = {"x": ["1.18 m", "1.3 m"], "y": ["-0.1 m", "0.1 m"], "z": "0.1 m"}
     problem = plate(workpiece=stands)
-    with pytest.raises(NoSolutionError) as error:
+    with pytest.raises(po.errors.NoSolutionError) as error:
         po.select_posture(problem)
     found = error.value.solution
     assert found.status == "infeasible"
@@ -205,7 +204,7 @@ def test_a_change_does_for_every_feature_that_fails() -> None:
     bound = [{"kind": "link_height", "at_least": "20 mm"}]
     stands = {"x": "0.3 m", "y": "0.1 m", "z": "-20 mm"}
     problem = plate("scara", holes, workpiece=stands, subject_to=bound)
-    with pytest.raises(NoSolutionError) as error:
+    with pytest.raises(po.errors.NoSolutionError) as error:
         po.select_posture(problem)
     (relaxation,) = (r for r in error.value.solution.relaxations if r.change.startswith("set at_least"))
     assert relaxation.to_json()["set"] == {"task.subject_to.0.at_least": "-50 mm"}
@@ -216,7 +215,7 @@ def test_a_change_does_for_every_feature_that_fails() -> None:
 def test_turning_the_part_is_told_where_that_suffices() -> None:
     stands = {"x": "0.9 m", "y": "0 m", "z": "0.1 m"}
     problem = plate(workpiece=stands, features=[{"name": "far", "position": ["0.5 m", "0 m", "0 m"]}])
-    with pytest.raises(NoSolutionError) as error:
+    with pytest.raises(po.errors.NoSolutionError) as error:
         po.select_posture(problem)
     turned = turned_feasible(error.value.solution.placed, 0)
     assert turned is not None
@@ -245,14 +244,14 @@ BAD: list[tuple[dict[str, Any], str]] = [
 def test_bad_input_is_told(task: dict[str, Any], message: str) -> None:
     data = {"kind": "insert", "features": [{"name": "left", "position": ["0 m", "0 m", "0 m"]}], **task}
     data = {key: value for key, value in data.items() if value is not None}
-    with pytest.raises(InputError, match=message):
+    with pytest.raises(po.errors.InputError, match=message):
         po.problem_from_dict({"robot": {"kind": "preset", "name": "ur10"}, "task": data})
 
 
 def test_what_takes_one_target_says_so() -> None:
     problem = plate()
     for refused in (po.PostureSelector, lambda p: po.map_targets(p, counts=(3, 3))):
-        with pytest.raises(InputError, match=r"takes a task with one target.*name one target: position: \["):
+        with pytest.raises(po.errors.InputError, match=r"takes a task with one target.*name one target: position: \["):
             refused(problem)
     assert not problem.with_task(position=["0.6 m", "0 m", "0.1 m"]).task.features
 

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.errors import NoSolutionError
 from posture_opt.selection.answer.infeasible import Infeasibility
 from posture_opt.selection.search.relaxation import shown_apart
 from posture_opt.selection.terms import TERMS
@@ -57,7 +56,7 @@ def asked(robot: str, position: list[float], **task: Any) -> dict[str, Any]:
 
 
 def refused(data: dict[str, Any]) -> po.Solution:
-    with pytest.raises(NoSolutionError) as caught:
+    with pytest.raises(po.errors.NoSolutionError) as caught:
         po.select_posture(po.problem_from_dict(data))
     solution = caught.value.solution
     assert isinstance(solution, po.Solution)
@@ -276,7 +275,7 @@ def test_links_that_touch_are_the_reason_and_not_the_joint_that_is_held() -> Non
             "subject_to": [{"kind": "fixed_joints", "values": {"panda_joint6": "0.3 rad", "panda_joint7": "45 deg"}}],
         },
     }
-    with pytest.raises(NoSolutionError) as caught:
+    with pytest.raises(po.errors.NoSolutionError) as caught:
         po.select_posture(po.problem_from_dict(data))
     solution = caught.value.solution
     assert [reason.requirement for reason in solution.reasons] == ["clearance of the arm to itself"]
@@ -293,7 +292,7 @@ def test_a_held_joint_does_not_free_the_tool_axis(robot: str, task: dict[str, An
     held = task.pop("held")
     data = asked(robot, POINTS["panda"], **task, subject_to=[{"kind": "fixed_joints", "values": held}])
     data["robot"]["tool"] = {"xyz": ["0 m", "0 m", "120 mm"]}
-    with pytest.raises(NoSolutionError) as caught:
+    with pytest.raises(po.errors.NoSolutionError) as caught:
         po.select_posture(po.problem_from_dict(data))
     assert {reason.requirement for reason in caught.value.solution.reasons} <= {f"fixed_joints of {j}" for j in held}
 
@@ -346,7 +345,7 @@ def test_a_pair_that_keeps_less_lacks_what_it_overlaps() -> None:
 
 def test_what_does_not_do_is_not_offered(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(po.PostureSelector, "can_be_done", lambda *args: False)
-    with pytest.raises(NoSolutionError) as caught:
+    with pytest.raises(po.errors.NoSolutionError) as caught:
         po.select_posture(po.problem_from_dict(asked("scara", FAR["scara"])))
     assert caught.value.solution.relaxations == ()
     assert "move the target" not in str(caught.value)
@@ -358,7 +357,7 @@ def test_requirements_that_are_met_one_by_one_and_not_together_are_no_error_of_t
 ) -> None:
     data = asked("scara", SCARA_POINT, subject_to=[{"kind": "link_height", "at_least": "2 m"}])
     monkeypatch.setattr(Infeasibility, "ways", lambda self: [])
-    with pytest.raises(NoSolutionError) as caught:
+    with pytest.raises(po.errors.NoSolutionError) as caught:
         po.select_posture(po.problem_from_dict(data))
     solution = caught.value.solution
     first, *missed = solution.reasons

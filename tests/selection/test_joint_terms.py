@@ -11,7 +11,6 @@ import pinocchio
 import pytest
 
 import posture_opt as po
-from posture_opt.errors import InputError, NoSolutionError
 from posture_opt.selection.terms import TERMS, Term
 from posture_opt.selection.terms.arm_terms import JointTorque
 from posture_opt.selection.terms.spreads import OrientationSpread, Success
@@ -81,7 +80,7 @@ def test_a_bound_on_one_torque_is_kept_and_costs_spread(robot: str, target: dict
 
 
 def test_torque_without_masses_and_of_a_prismatic_joint_is_refused() -> None:
-    with pytest.raises(InputError, match="masses or centres of mass"):
+    with pytest.raises(po.errors.InputError, match="masses or centres of mass"):
         problem("scara", **SCARA, subject_to=[{"kind": "joint_torque", "at_most": "5 N m"}])
     joints = [
         {
@@ -95,7 +94,7 @@ def test_torque_without_masses_and_of_a_prismatic_joint_is_refused() -> None:
         {"name": "arm", "type": "revolute", "d": "0 m", "a": "1 m", "alpha": "0 deg"},
     ]
     weighed = [{**joint, "mass": "2 kg", "com": ["0 m", "0 m", "0 m"]} for joint in joints]
-    with pytest.raises(InputError, match=r"lift is prismatic.*leave it out"):
+    with pytest.raises(po.errors.InputError, match=r"lift is prismatic.*leave it out"):
         problem({"kind": "dh", "joints": weighed}, subject_to=[{"kind": "joint_torque", "at_most": {"lift": "5 N m"}}])
 
 
@@ -170,7 +169,7 @@ def test_joints_are_held_where_they_are_asked_to_be(robot: str, target: dict[str
 
 def test_a_stroke_that_is_held_and_misses_the_target_names_the_joint() -> None:
     held = {"kind": "fixed_joints", "values": {"joint3": "20 mm"}}
-    with pytest.raises(NoSolutionError, match=r"joint3 is held at 20 mm, .*: hold joint3 at 50 mm"):
+    with pytest.raises(po.errors.NoSolutionError, match=r"joint3 is held at 20 mm, .*: hold joint3 at 50 mm"):
         po.select_posture(problem("scara", **SCARA, subject_to=[held]))
 
 
@@ -189,12 +188,12 @@ def test_a_stroke_that_is_held_and_misses_the_target_names_the_joint() -> None:
     ],
 )
 def test_values_of_joints_are_checked_against_the_arm(term: dict[str, Any], message: str) -> None:
-    with pytest.raises(InputError, match=message):
+    with pytest.raises(po.errors.InputError, match=message):
         problem("scara", **SCARA, subject_to=[term])
 
 
 def test_a_joint_that_is_held_is_no_quantity_to_minimise() -> None:
-    with pytest.raises(InputError, match=r"task.minimize\[0\].*move it to subject_to"):
+    with pytest.raises(po.errors.InputError, match=r"task.minimize\[0\].*move it to subject_to"):
         problem("scara", **SCARA, minimize=[{"kind": "fixed_joints", "values": {"joint4": "0 deg"}}])
 
 
@@ -202,7 +201,7 @@ def test_closeness_counts_strokes_and_bounds_joints_one_by_one() -> None:
     other = {"joint1": "60 deg", "joint3": "10 mm"}
     bounds = {"joint1": "5 deg"}
     near = {"kind": "near_posture", "posture": other, "at_most": bounds}
-    with pytest.raises(NoSolutionError, match="near_posture of joint1"):
+    with pytest.raises(po.errors.NoSolutionError, match="near_posture of joint1"):
         po.select_posture(problem("scara", **SCARA, subject_to=[near]))
     present = po.select_posture(problem("scara", **SCARA)).posture
     wide = {"kind": "near_posture", "posture": {"joint1": f"{present['joint1']} rad"}, "at_most": {"joint1": "1 deg"}}
@@ -215,7 +214,7 @@ def test_joints_with_dots_in_their_names_can_be_named() -> None:
     names = ["target.arm", "tool_axis.arm"]
     robot = {"kind": "dh", "joints": [{"name": name, **joint} for name in names]}
     near = {"kind": "near_posture", "posture": {names[0]: "0 deg"}, "at_most": {names[0]: "1 deg"}}
-    with pytest.raises(NoSolutionError, match=r"near_posture of target\.arm"):
+    with pytest.raises(po.errors.NoSolutionError, match=r"near_posture of target\.arm"):
         po.select_posture(problem(robot, direction=[0, -1, 0], position=["0 m", "0.9 m", "0 m"], subject_to=[near]))
 
 
@@ -231,14 +230,14 @@ def test_success_is_bounded_in_terms_of_the_probability() -> None:
         free.success_probability, rel=1e-6
     )
     most = {"kind": "success", "at_least": min(1.01 * free.success_probability, 0.99999)}
-    with pytest.raises(NoSolutionError, match=r"success is \d\d\.\d+ % at most, and at least"):
+    with pytest.raises(po.errors.NoSolutionError, match=r"success is \d\d\.\d+ % at most, and at least"):
         po.select_posture(problem("scara", **task, subject_to=[most]))
     met = {"kind": "success", "at_least": 0.99 * free.success_probability}
     assert po.select_posture(problem("scara", **task, subject_to=[met])).status == "optimal"
 
 
 def test_success_without_a_hole_is_refused() -> None:
-    with pytest.raises(InputError, match="needs the clearance"):
+    with pytest.raises(po.errors.InputError, match="needs the clearance"):
         po.select_posture(problem("scara", **SCARA, subject_to=[{"kind": "success", "at_least": 0.9}]))
 
 
@@ -263,7 +262,7 @@ IMPOSSIBLE: dict[str, dict[str, Any]] = {
 def test_what_cannot_be_met_is_named(listed: type[Term]) -> None:
     kind = listed.model_fields["kind"].annotation.__args__[0]  # type: ignore[union-attr]
     given = problem(**UR10, clearance="0.02 mm", subject_to=[{"kind": kind, **IMPOSSIBLE[kind]}])
-    with pytest.raises(NoSolutionError) as caught:
+    with pytest.raises(po.errors.NoSolutionError) as caught:
         po.select_posture(given)
     named = "elbow" if kind == "fixed_joints" else kind
     assert named in caught.value.solution.reasons[0].requirement

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.errors import InputError
 from tests.helpers.said import said
 from tests.helpers.variants import conformance
 
@@ -119,7 +118,7 @@ def test_a_share_is_a_number_or_a_percentage(text: Any, share: float) -> None:
 
 @pytest.mark.parametrize("text", ["3 mm", "-1 %", "100 %", "much"])
 def test_what_is_no_share_is_refused(text: str) -> None:
-    with pytest.raises(InputError, match=r"task\.ordinary.*write for example 3 %"):
+    with pytest.raises(po.errors.InputError, match=r"task\.ordinary.*write for example 3 %"):
         problem("panda", ordinary=text)
 
 

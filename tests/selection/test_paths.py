@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.errors import InputError, NoSolutionError
 from posture_opt.report.parts.posture_parts import points_block
 from posture_opt.report.text.blocks import Table
 from posture_opt.selection.paths.joint_steps import JointSteps, StepGraph
@@ -216,25 +215,27 @@ def test_a_joint_with_wide_limits_turns_on_past_half_a_turn():
 @pytest.mark.long
 def test_a_step_that_is_too_small_is_refused_with_the_least_that_does():
     points = bent((0.45, -0.3, 0.2), (0.6, 0.0, 0.35), (0.45, 0.35, 0.3), 5)
-    with pytest.raises(NoSolutionError, match=r"from point \d to point \d .* set largest_step: [\d.]+ deg") as caught:
+    with pytest.raises(
+        po.errors.NoSolutionError, match=r"from point \d to point \d .* set largest_step: [\d.]+ deg"
+    ) as caught:
         po.select_posture(preset("panda", points, (0, 0, -1), largest_step="3 deg"))
     least = caught.value.solution.smallest_step
     assert caught.value.solution.reasons[0].amount == pytest.approx(least - math.radians(3))
     able = math.ceil(math.degrees(least) * 10) / 10
     assert po.select_posture(preset("panda", points, (0, 0, -1), largest_step=f"{able} deg")).status != "infeasible"
-    with pytest.raises(NoSolutionError):
+    with pytest.raises(po.errors.NoSolutionError):
         po.select_posture(preset("panda", points, (0, 0, -1), largest_step=f"{0.95 * math.degrees(least)} deg"))
 
 
 def test_a_point_out_of_reach_is_named_with_the_distance():
     points = np.array([[1.0, 0.5, 0], [1.2, 0.5, 0], [2.1, 0, 0], [1.2, 0, 0]])
-    with pytest.raises(NoSolutionError, match=r"point 3: the target is out of reach by 100 mm"):
+    with pytest.raises(po.errors.NoSolutionError, match=r"point 3: the target is out of reach by 100 mm"):
         po.select_posture(planar(points))
 
 
 def test_a_path_off_the_plane_of_the_arm_is_refused_with_its_worst_point():
     points = np.array([[1.0, 0.0, 0.0], [1.0, 0.1, 0.05], [1.0, 0.2, -0.1]])
-    with pytest.raises(NoSolutionError, match=r"point 3: the target lies 100 mm outside the plane") as caught:
+    with pytest.raises(po.errors.NoSolutionError, match=r"point 3: the target lies 100 mm outside the plane") as caught:
         po.select_posture(planar(points))
     assert caught.value.exit_code == 3
     assert caught.value.solution.reasons[0].amount == pytest.approx(0.1)
@@ -242,14 +243,14 @@ def test_a_path_off_the_plane_of_the_arm_is_refused_with_its_worst_point():
 
 def test_a_path_of_too_many_points_is_refused_with_the_number_that_is_accepted(tmp_path):
     points = [["1 m", f"{k} um", "0 m"] for k in range(10_001)]
-    with pytest.raises(InputError, match="10001 points are more than the 10000") as caught:
+    with pytest.raises(po.errors.InputError, match="10001 points are more than the 10000") as caught:
         po.problem_from_dict({"robot": PLANAR, "task": {"kind": "trace", "points": points}})
     assert caught.value.exit_code == 2
     file = tmp_path / "long.csv"
     file.write_text("x [m], y [um]\n" + "".join(f"1, {k}\n" for k in range(10_001)))
-    with pytest.raises(InputError, match="more than the 10000 points"):
+    with pytest.raises(po.errors.InputError, match="more than the 10000 points"):
         po.problem_from_dict({"robot": PLANAR, "task": {"kind": "trace", "path": str(file)}})
-    with pytest.raises(InputError, match=r"task.spacing: 200001 points are more than the 10000"):
+    with pytest.raises(po.errors.InputError, match=r"task.spacing: 200001 points are more than the 10000"):
         po.select_posture(planar([[1, 0, 0], [1.2, 0, 0]], spacing="1 um"))
 
 
@@ -328,9 +329,9 @@ def test_the_smallest_step_and_the_best_way_are_those_of_all_ways():
 
 def test_other_commands_say_that_they_take_one_target():
     problem = po.load_problem("weld_planar_2r")
-    with pytest.raises(InputError, match="the task has a path"):
+    with pytest.raises(po.errors.InputError, match="the task has a path"):
         po.PostureSelector(problem)
-    with pytest.raises(InputError):
+    with pytest.raises(po.errors.InputError):
         po.map_targets(problem, counts=(3, 3))
 
 
@@ -394,7 +395,7 @@ def test_a_path_that_fails_is_explained_by_its_worst_point_and_the_change_does_f
         {"robot": {"kind": "preset", "name": "scara"}, "uncertainty": {"repeatability": "0.02 mm"}, "task": task,
          "cell": "none"}
     )  # fmt: skip
-    with pytest.raises(NoSolutionError, match="point 4: joint1 would have to go to") as caught:
+    with pytest.raises(po.errors.NoSolutionError, match="point 4: joint1 would have to go to") as caught:
         po.select_posture(problem)
     # The law of cosines at 150 mm, straight behind: the angle that the joint needs.
     first, second = 0.22, 0.13

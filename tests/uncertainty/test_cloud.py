@@ -9,12 +9,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import posture_opt as po
-from posture_opt.robot.preset import load_preset
 from posture_opt.uncertainty import cloud as cloud_module
 from posture_opt.uncertainty.sampler import Sampler
 from posture_opt.uncertainty.sources import Sources
 from tests.helpers.factors import pose
 from tests.helpers.moments import errors_of, planar
+from tests.helpers.shipped import preset_robot
 from tests.helpers.stated import stated
 
 BENT = np.radians((90, -135))
@@ -22,7 +22,7 @@ Q6 = (0.3, -1.1, 1.2, -0.5, 0.7, 0.2)
 
 
 def spatial(angle=0.01, length=0.002):
-    robot = load_preset("ur5")
+    robot = preset_robot("ur5")
     return stated(robot=robot, sources=errors_of(robot, angle, length, ("theta", "a")))
 
 
@@ -91,7 +91,7 @@ def test_the_ratio_is_one_within_its_sampling_error():
 
 def test_a_direction_without_variance_stays_without():
     lengths = Sources.independent({"joint1.a": 0.01, "joint2.a": 0.01})
-    problem = stated(robot=load_preset("planar_2r"), sources=lengths)
+    problem = stated(robot=preset_robot("planar_2r"), sources=lengths)
     cloud = po.simulate(problem, np.radians((90, -180)), n=2000)
     assert 0.93 < cloud.coverage95 < 0.97  # a line, with the factor of a line
     assert np.isfinite(cloud.ratio).all()

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.robot.preset import load_preset
 from posture_opt.robot.robot import frame_factors
 from posture_opt.uncertainty.budget import budgets
 from posture_opt.uncertainty.sources import Sources
 from posture_opt.uncertainty.tool_point import ToolPoint
 from tests.helpers.moments import correlated, errors_of, scaled
 from tests.helpers.sampled import sampled_pose
+from tests.helpers.shipped import preset_robot
 from tests.helpers.stated import stated
 from tests.helpers.variants import conformance
 
@@ -30,7 +30,7 @@ def with_correlations(sources, R):
 
 def joints(robot="ur10", R=None):
     """One radian at every joint, with the correlations R or none."""
-    sources = errors_of(load_preset(robot), 1.0, 0.1, ("theta",))
+    sources = errors_of(preset_robot(robot), 1.0, 0.1, ("theta",))
     return sources if R is None else with_correlations(sources, R)
 
 
@@ -47,7 +47,7 @@ def equal(k, rho):
 
 def lengths_and_angles():
     """Joint angles, link lengths and offsets of a UR10 all correlated: 1 rad, 0.5 m."""
-    return correlated(errors_of(load_preset("ur10"), 1.0, 0.5, ("theta", "a")), seed=3)
+    return correlated(errors_of(preset_robot("ur10"), 1.0, 0.5, ("theta", "a")), seed=3)
 
 
 def stanford():
@@ -64,7 +64,7 @@ def stanford():
 
 
 def arm_of(name):
-    return stanford() if name == "stanford" else load_preset(name)
+    return stanford() if name == "stanford" else preset_robot(name)
 
 
 def stage_and_angles():
@@ -76,7 +76,7 @@ def stage_and_angles():
 
 def stages_alone():
     """Lengths that vary together, and angles that do not: two nodes a factor, whatever the size."""
-    sources = errors_of(load_preset("ur10"), 1.0, 0.5, ("theta", "a"))
+    sources = errors_of(preset_robot("ur10"), 1.0, 0.5, ("theta", "a"))
     lengths = [k for k, name in enumerate(sources.names) if name.endswith(".a")]
     return with_correlations(sources, pairs(12, (lengths[1], lengths[2], 0.9), (lengths[0], lengths[5], -0.4)))
 
@@ -172,7 +172,7 @@ def random_correlations(rng, k):
 @pytest.mark.parametrize("seed", conformance(range(25), range(3)))
 def test_every_covariance_is_positive_semidefinite(seed):
     rng = np.random.default_rng(seed)
-    robot = load_preset("ur10")
+    robot = preset_robot("ur10")
     sigma = np.radians(10.0 ** rng.uniform(-2, 1.8, 6))
     sources = with_correlations(joints(), random_correlations(rng, 6))
     sources = Sources(sources.names, sources.covariance * np.outer(sigma, sigma))
@@ -193,7 +193,7 @@ def test_every_covariance_is_positive_semidefinite(seed):
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_full_correlation_is_one_error(sign):
     """ρ = ±1 of base.z turned by the first joint's angle: one rotation by twice the angle, or none."""
-    robot = load_preset("ur10")
+    robot = preset_robot("ur10")
     names = ("base.yaw", "shoulder_pan.theta")
     R = np.array([[1.0, sign], [sign, 1.0]])
     upright = replace(robot, base=frame_factors("base", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
@@ -208,7 +208,7 @@ def test_full_correlation_is_one_error(sign):
 
 
 def test_the_covariance_of_symbols_has_derivatives():
-    tool_point = ToolPoint.of(po.Arm(load_preset("ur10")), scaled(joints(R=equal(6, 0.8)), np.radians(1)))
+    tool_point = ToolPoint.of(po.Arm(preset_robot("ur10")), scaled(joints(R=equal(6, 0.8)), np.radians(1)))
     q = ca.SX.sym("q", 6)
     C = ca.SX(tool_point.moments(ca.vertsplit(q)).covariance)
     gradient = ca.Function("g", [q], [ca.gradient(ca.trace(C), q)])
@@ -239,7 +239,7 @@ def test_shares_of_correlated_sources_are_those_of_the_covariance():
 @pytest.mark.parametrize("big", [1e-3, 0.1, 1.0])
 def test_errors_that_cancel_leave_what_is_small(big):
     """After a calibration the base and the first joint may each be known badly, and their sum well."""
-    robot = replace(load_preset("ur10"), base=frame_factors("base", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
+    robot = replace(preset_robot("ur10"), base=frame_factors("base", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
     names = ("base.yaw", *(f"{joint}.theta" for joint in robot.joint_names))
     small = correlated(Sources(names, 1e-6**2 * np.eye(7)), seed=4).covariance
     loose = np.zeros(7)

@@ -11,7 +11,6 @@ import pytest
 
 import posture_opt as po
 from posture_opt.model.chain import factor_values, walk
-from posture_opt.robot.preset import load_preset
 from posture_opt.robot.robot import frame_factors
 from posture_opt.uncertainty.exact_moments import plane_of
 from posture_opt.uncertainty.integration import NodePlan
@@ -20,6 +19,7 @@ from posture_opt.uncertainty.regions import Ellipsoid
 from posture_opt.uncertainty.sources import Sources
 from posture_opt.uncertainty.tool_point import ToolPoint
 from tests.helpers.moments import correlated, errors_of, planar, raw_moments, scaled
+from tests.helpers.shipped import preset_robot
 from tests.helpers.stated import stated
 from tests.helpers.variants import conformance
 
@@ -80,7 +80,7 @@ def test_the_second_order_has_its_published_errors(posture, t1, t2, first, trace
 
 @pytest.mark.parametrize("scale", [1, 10, 100])
 def test_the_recursion_gives_the_raw_moments(scale):
-    robot = load_preset("puma560")
+    robot = preset_robot("puma560")
     sources = scaled(errors_of(robot, 1e-3, 1e-3), scale)
     m, C = raw_moments(robot, Q6, sources)
     found = moments(stated(robot=robot, sources=sources), Q6)
@@ -93,7 +93,7 @@ def test_the_recursion_gives_the_raw_moments(scale):
 @pytest.mark.parametrize("robot", ["puma560", "planar_2r", "scara"])
 @pytest.mark.parametrize("coupled", [False, True])
 def test_small_errors_keep_their_digits(robot, coupled):
-    robot = load_preset(robot)
+    robot = preset_robot(robot)
     unit = errors_of(robot, 1.0, 1.0, ("theta", "d", "a"))
     q = (0.3, -1.1, 0.1, 0.4)[: robot.n] if robot.n < 6 else Q6
     small = scaled(correlated(unit) if coupled else unit, 1e-7)
@@ -113,15 +113,15 @@ def test_the_plane_may_stand_anyhow():
     np.testing.assert_allclose(found.covariance, R @ upright.covariance @ R.T, atol=1e-18)
     np.testing.assert_allclose(found.mean, R @ upright.mean + np.array(base.position), atol=1e-15)
     assert plane_of(tilted) is not None
-    assert plane_of(load_preset("puma560")) is None
+    assert plane_of(preset_robot("puma560")) is None
 
 
 def planar_tilted():
-    return replace(load_preset("planar_2r"), base=frame_factors("base", (0.1, 0.2, 0.3), (0.4, -0.5, 0.6)))
+    return replace(preset_robot("planar_2r"), base=frame_factors("base", (0.1, 0.2, 0.3), (0.4, -0.5, 0.6)))
 
 
 def test_second_order_against_algorithmic_differentiation():
-    robot = load_preset("puma560")
+    robot = preset_robot("puma560")
     sources = correlated(errors_of(robot, 0.1, 0.1, ("theta", "a", "alpha")))
     arm = po.Arm(robot)
     p = ca.SX.sym("p", len(sources.names))
@@ -142,13 +142,13 @@ def test_second_order_against_algorithmic_differentiation():
 
 
 CASES = {
-    "6R, 30 independent errors": lambda: (load_preset("ur10"), errors_of(load_preset("ur10"), 5e-3, 2e-3), Q6),
-    "planar, all correlated": lambda: (load_preset("planar_2r"), correlated(planar(1, 1).sources), (0.4, -1.0)),
+    "6R, 30 independent errors": lambda: (preset_robot("ur10"), errors_of(preset_robot("ur10"), 5e-3, 2e-3), Q6),
+    "planar, all correlated": lambda: (preset_robot("planar_2r"), correlated(planar(1, 1).sources), (0.4, -1.0)),
     "planar in space, all correlated": lambda: (planar_tilted(), correlated(planar(1, 1).sources), (0.4, -1.0)),
-    "planar, lengths of one machine": lambda: (load_preset("planar_2r"), one_machine(), (0.4, -1.0)),
-    "scara, all correlated": lambda: (load_preset("scara"), scara_errors(), (0.3, -1.1, 0.05, 0.4)),
+    "planar, lengths of one machine": lambda: (preset_robot("planar_2r"), one_machine(), (0.4, -1.0)),
+    "scara, all correlated": lambda: (preset_robot("scara"), scara_errors(), (0.3, -1.1, 0.05, 0.4)),
     "6R, joints and lengths correlated": lambda: (
-        load_preset("puma560"), correlated(errors_of(load_preset("puma560"), 2e-3, 1e-3, ("theta", "a"))), Q6),
+        preset_robot("puma560"), correlated(errors_of(preset_robot("puma560"), 2e-3, 1e-3, ("theta", "a"))), Q6),
 }  # fmt: skip
 
 
@@ -160,7 +160,7 @@ def one_machine():
 
 
 def scara_errors():
-    return correlated(errors_of(load_preset("scara"), 5e-3, 2e-3, ("theta", "d", "a")))
+    return correlated(errors_of(preset_robot("scara"), 5e-3, 2e-3, ("theta", "d", "a")))
 
 
 @pytest.mark.parametrize(
@@ -208,7 +208,7 @@ def test_numbers_arrays_and_symbols_agree(case):
 
 
 def test_sources_without_variance_are_left_out_and_order_does_not_matter():
-    robot = load_preset("ur5")
+    robot = preset_robot("ur5")
     sources = correlated(errors_of(robot, 1e-3, 1e-3, ("theta", "a")))
     k = len(sources.names)
     shuffled = np.random.default_rng(1).permutation(k)

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.robot.preset import load_preset
 from posture_opt.uncertainty.sources import Sources
 from tests.helpers.moments import correlated, errors_of, scaled
 from tests.helpers.sampled import sampled_pose
+from tests.helpers.shipped import preset_robot
 from tests.helpers.stated import stated
 from tests.helpers.variants import conformance
 
@@ -19,7 +19,7 @@ Q6 = (0.3, -1.1, 1.2, -0.5, 0.7, 0.2)
 
 
 def joints(correlation=None):
-    sources = errors_of(load_preset("ur10"), 1.0, 0.5, ("theta",))
+    sources = errors_of(preset_robot("ur10"), 1.0, 0.5, ("theta",))
     if correlation is None:
         return sources
     R = np.full((6, 6), correlation) + (1 - correlation) * np.eye(6)
@@ -30,14 +30,14 @@ CASES = {
     "independent joints": joints,
     "joints, equal": lambda: joints(0.8),
     "joints, dense": lambda: correlated(joints(), seed=7),
-    "joints and lengths": lambda: correlated(errors_of(load_preset("ur10"), 1.0, 0.5, ("theta", "a")), seed=2),
-    "thirty independent": lambda: errors_of(load_preset("ur10"), 0.4, 0.1),
+    "joints and lengths": lambda: correlated(errors_of(preset_robot("ur10"), 1.0, 0.5, ("theta", "a")), seed=2),
+    "thirty independent": lambda: errors_of(preset_robot("ur10"), 0.4, 0.1),
 }
 """Sources of a UR10 of about one radian."""
 
 
 def spread_of(case, sigma):
-    problem = stated(robot=load_preset("ur10"), sources=scaled(CASES[case](), np.radians(sigma)))
+    problem = stated(robot=preset_robot("ur10"), sources=scaled(CASES[case](), np.radians(sigma)))
     return po.propagate(problem, Q6)
 
 
@@ -81,7 +81,7 @@ def test_large_turns_are_said():
 
 
 def test_lengths_alone_turn_nothing():
-    sources = errors_of(load_preset("ur10"), 1e-3, 1e-3, ("d", "a"))
-    spread = po.propagate(stated(robot=load_preset("ur10"), sources=sources), Q6)
+    sources = errors_of(preset_robot("ur10"), 1e-3, 1e-3, ("d", "a"))
+    spread = po.propagate(stated(robot=preset_robot("ur10"), sources=sources), Q6)
     np.testing.assert_array_equal(spread.pose_covariance[3:], 0)
     np.testing.assert_array_equal(spread.pose_covariance[:3, :3], spread.covariance)

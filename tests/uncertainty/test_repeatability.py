@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.robot.preset import load_preset
 from posture_opt.robot.robot import Factor
 from posture_opt.uncertainty.repeatability import joint_sigmas, matching_postures, repeatability_from_covariance
 from tests.helpers.factors import parameter_jacobian
+from tests.helpers.shipped import preset_robot
 from tests.helpers.stated import stated
 from tests.helpers.variants import STRUCTURES, conformance
 
@@ -23,7 +23,7 @@ def predicted(robot, sources, q):
 
 @pytest.mark.parametrize("name", conformance(STRUCTURES, ["planar_2r", "scara", "ur10", "kr6_r900", "panda"]))
 def test_the_median_repeatability_is_the_data_sheet_s(name):
-    robot = load_preset(name)
+    robot = preset_robot(name)
     sources = joint_sigmas(robot, 1e-4)
     found = [predicted(robot, sources, q) for q in matching_postures(robot)]
     # the exact covariance instead of the first order: relative difference sigma^2 < 1e-8
@@ -31,8 +31,8 @@ def test_the_median_repeatability_is_the_data_sheet_s(name):
 
 
 def test_one_hinge_by_hand():
-    hinge = replace(load_preset("planar_2r"), joints=load_preset("planar_2r").joints[:1],
-                    links=load_preset("planar_2r").links[:1])  # fmt: skip
+    hinge = replace(preset_robot("planar_2r"), joints=preset_robot("planar_2r").joints[:1],
+                    links=preset_robot("planar_2r").links[:1])  # fmt: skip
     # l = r |N(0, s)|: E l = r s sqrt(2 / pi), sd = r s sqrt(1 - 2 / pi), so RP = 2.60632 r s; r = 1 m everywhere
     (sigma,) = joint_sigmas(hinge, 1e-4).sigma
     assert sigma == pytest.approx(1e-4 / 2.60632, rel=2e-6)
@@ -40,7 +40,7 @@ def test_one_hinge_by_hand():
 
 def test_slides_of_a_portal_by_hand():
     # three slides along x, y, z: isotropic scatter, RP = 3.61609 s in every posture
-    joint = load_preset("scara").joints[2]
+    joint = preset_robot("scara").joints[2]
     joints = tuple(replace(joint, name=f"slide{k}") for k in range(3))
     links = tuple((Factor("translate", k, 0.0, f"slide{k}.d", k),) for k in range(3))  # type: ignore[arg-type]
     sources = joint_sigmas(po.Robot("portal", joints, links), 1e-4)
@@ -49,7 +49,7 @@ def test_slides_of_a_portal_by_hand():
 
 
 def test_a_simulated_test_gives_the_data_sheet_s_figure():
-    robot = load_preset("ur10e")
+    robot = preset_robot("ur10e")
     sources = joint_sigmas(robot, 5e-5)
     found = []
     for seed, q in enumerate(matching_postures(robot)):
@@ -61,7 +61,7 @@ def test_a_simulated_test_gives_the_data_sheet_s_figure():
 
 
 def test_weights_share_it_out():
-    robot = load_preset("ur5")
+    robot = preset_robot("ur5")
     first, second, *rest = robot.joint_names
     sources = joint_sigmas(robot, 1e-4, {first: 0.0, second: 2.0})
     assert sources.names == tuple(f"{name}.theta" for name in (second, *rest))
@@ -72,7 +72,7 @@ def test_weights_share_it_out():
 
 
 def test_a_slide_scatters_the_tool_point_as_a_turn_does():
-    robot = load_preset("scara")
+    robot = preset_robot("scara")
     sources = joint_sigmas(robot, 1e-5)
     sigma = dict(zip(sources.names, sources.sigma, strict=True))
     slide = next(f"{j.name}.d" for j in robot.joints if j.type == "prismatic")
@@ -86,7 +86,7 @@ def test_a_slide_scatters_the_tool_point_as_a_turn_does():
 
 @pytest.mark.parametrize("name", conformance(STRUCTURES, ["planar_2r", "scara", "ur10", "kr6_r900", "panda"]))
 def test_the_postures_lie_within_the_limits_in_the_middle_of_the_reach(name):
-    robot = load_preset(name)
+    robot = preset_robot(name)
     Q = matching_postures(robot)
     assert Q.shape == (200, robot.n)
     for joint, values in zip(robot.joints, Q.T, strict=True):
@@ -106,11 +106,11 @@ def test_the_postures_lie_within_the_limits_in_the_middle_of_the_reach(name):
 ])  # fmt: skip
 def test_bad_figures_are_refused(repeatability, weights, words):
     with pytest.raises(po.errors.InputError, match=words):
-        joint_sigmas(load_preset("ur5"), repeatability, weights)
+        joint_sigmas(preset_robot("ur5"), repeatability, weights)
 
 
 def test_joints_that_do_not_move_the_tool_point_cannot_scatter_it():
-    robot = load_preset("ur5")
+    robot = preset_robot("ur5")
     last = robot.joint_names[-1]  # its axis passes through the tool point
     with pytest.raises(po.errors.InputError, match="do not move the tool point"):
         joint_sigmas(robot, 1e-4, {name: float(name == last) for name in robot.joint_names})

@@ -11,13 +11,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import posture_opt as po
-from posture_opt.robot.preset import load_preset
 from posture_opt.robot.robot import frame_factors
 from posture_opt.uncertainty.budget import budget
 from posture_opt.uncertainty.sources import Sources
 from posture_opt.uncertainty.tool_point import ToolPoint
 from tests.helpers.factors import pose
 from tests.helpers.moments import correlated, errors_of, planar
+from tests.helpers.shipped import preset_robot
 from tests.helpers.stated import stated
 
 BENT = np.radians((90, -135))
@@ -25,7 +25,7 @@ Q6 = (0.3, -1.1, 1.2, -0.5, 0.7, 0.2)
 
 
 def spatial(angle=1e-3, length=1e-4, kinds=("theta", "a", "d")):
-    robot = load_preset("ur5")
+    robot = preset_robot("ur5")
     return stated(robot=robot, sources=errors_of(robot, angle, length, kinds))
 
 
@@ -50,7 +50,7 @@ def test_an_arm_in_space_has_an_ellipsoid_with_the_factor_of_space():
 
 
 def test_a_planar_arm_whose_tool_point_may_leave_the_plane_has_an_ellipsoid():
-    robot = load_preset("planar_2r")
+    robot = preset_robot("planar_2r")
     for sigma in ({"joint1.theta": 0.01, "joint2.d": 1e-3}, {"joint1.theta": 0.01, "joint1.alpha": 0.01}):
         spread = po.propagate(stated(robot=robot, sources=Sources.independent(sigma)), BENT)
         assert spread.ellipse.semi_axes.shape == (3,)
@@ -58,7 +58,7 @@ def test_a_planar_arm_whose_tool_point_may_leave_the_plane_has_an_ellipsoid():
 
 def test_a_tool_point_that_scatters_along_a_line_has_the_factor_of_a_line():
     lengths = Sources.independent({"joint1.a": 0.01, "joint2.a": 0.01})
-    spread = po.propagate(stated(robot=load_preset("planar_2r"), sources=lengths), np.radians((90, -180)))
+    spread = po.propagate(stated(robot=preset_robot("planar_2r"), sources=lengths), np.radians((90, -180)))
     np.testing.assert_allclose(spread.covariance, np.diag([0, 2e-4, 0]), atol=1e-18)
     assert spread.to_json()["ellipse"]["coverage95_factor"] == pytest.approx(1.96, abs=5e-5)
 
@@ -75,7 +75,7 @@ def test_the_tool_pose_is_that_of_the_factors():
 
 @pytest.mark.parametrize("angles", [(math.pi, 0, 0), (0, math.pi, 0), (0, 0, math.pi), (2, -1, 3), (0, 0, 0)])
 def test_the_quaternion_keeps_its_digits_at_half_turns(angles):
-    robot = replace(load_preset("planar_2r"), base=frame_factors("base", (0, 0, 0), angles))
+    robot = replace(preset_robot("planar_2r"), base=frame_factors("base", (0, 0, 0), angles))
     w, x, y, z = po.propagate(planar(robot=robot), (0.0, 0.0)).quaternion_wxyz
     np.testing.assert_allclose(Rotation.from_quat([x, y, z, w]).as_matrix(), pose(robot, (0, 0))[:3, :3], atol=1e-15)
 
@@ -213,13 +213,13 @@ def test_all_faults_of_a_posture_are_named_at_once():
 
 def test_nothing_uncertain_is_refused_with_the_hint():
     with pytest.raises(po.errors.InputError, match=r"uncertainty: \{repeatability: 0.05 mm\}"):
-        po.propagate(stated(robot=load_preset("planar_2r"), sources=Sources()), BENT)
+        po.propagate(stated(robot=preset_robot("planar_2r"), sources=Sources()), BENT)
 
 
 def test_limits_are_noted_not_enforced():
     spread = po.propagate(planar(), np.radians((190, -180)))
     assert spread.notes == ("joint1 is 10 deg above its upper limit of 180 deg.",)
-    scara = stated(robot=load_preset("scara"), sources=Sources.independent({"joint1.theta": 1e-4}))
+    scara = stated(robot=preset_robot("scara"), sources=Sources.independent({"joint1.theta": 1e-4}))
     lower = scara.robot.joints[2].lower
     (note,) = po.propagate(scara, (0, 0, lower - 0.002, 0)).notes
     assert note.startswith(f"{scara.robot.joint_names[2]} is 2 mm below its lower limit")

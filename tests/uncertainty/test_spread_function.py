@@ -9,10 +9,10 @@ import pytest
 
 import posture_opt as po
 from posture_opt.model.toolchain import find_compiler
-from posture_opt.robot.preset import load_preset
 from posture_opt.uncertainty.sources import Sources
 from tests.helpers.factors import random_postures
 from tests.helpers.moments import correlated, errors_of, planar
+from tests.helpers.shipped import preset_robot
 from tests.helpers.stated import stated
 from tests.helpers.variants import STRUCTURES, conformance
 
@@ -20,7 +20,7 @@ needs_compiler = pytest.mark.skipif(not find_compiler(), reason="no C compiler o
 
 
 def problem(name, angle=0.05, length=0.01, kinds=("theta", "a", "d"), coupled=False):
-    robot = load_preset(name)
+    robot = preset_robot(name)
     sources = errors_of(robot, angle, length, kinds)
     return stated(robot=robot, sources=correlated(sources) if coupled else sources)
 
@@ -102,7 +102,7 @@ def test_postures_are_read_strictly():
 
 
 def test_nothing_uncertain_is_refused_and_no_variance_is_zero():
-    robot = load_preset("planar_2r")
+    robot = preset_robot("planar_2r")
     with pytest.raises(po.errors.InputError, match="nothing is uncertain"):
         po.SpreadFunction(stated(robot=robot, sources=Sources()))
     still = po.SpreadFunction(stated(robot=robot, sources=Sources(("joint1.a",), np.zeros((1, 1)))), compiled=False)
