@@ -171,6 +171,7 @@ def test_before_anything_is_measured_the_stated_sigmas_speak_of_the_task() -> No
     assert np.isnan(plan_few(some, 10).before.task)  # nobody says how long the links are
 
 
+@pytest.mark.long
 def test_the_arms_own_scatter_is_counted_with() -> None:
     problem = problem_of(uncertainty={"scatter": {f"j{i}.theta": "0.1 mrad" for i in range(1, 7)}})
     plan, bare = plan_few(problem, 30), plan_of()

@@ -50,6 +50,7 @@ def test_a_joint_that_repeats_scatter_along_is_named_where_structure_hides_it_in
     assert answer["verdict"] == "unexplained"
 
 
+@pytest.mark.long
 def test_the_line_to_paste_states_the_gravity_that_was_found() -> None:
     case = draw("hung", SEED, 0)
     line = ask(case)["gravity"]["line"]

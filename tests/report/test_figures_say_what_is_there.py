@@ -56,6 +56,7 @@ def test_names_are_drawn_as_they_are_written() -> None:
         assert image(figure, "svg")
 
 
+@pytest.mark.long
 def test_a_map_colours_a_target_inside_an_obstacle_by_the_name_of_it() -> None:
     problem = po.load_problem("insert_panda_cell")
     post = next(obstacle for obstacle in problem.scene.stated_obstacles if obstacle.name == "post")

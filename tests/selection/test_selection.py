@@ -186,7 +186,7 @@ def test_the_floor_is_below_every_answer_and_is_the_base_joint_times_the_radius(
 
 
 def test_gain_and_statistics_are_those_of_the_starts() -> None:
-    solution = po.select_posture(problem("panda", {"position": ["0.45 m", "0.1 m", "0.25 m"]}), ordinary=0.0)
+    solution = po.select_posture(problem("panda", {"position": ["0.45 m", "0.1 m", "0.25 m"], "ordinary": 0}))
     statistics = solution.statistics
     assert solution.critical.sigma_max <= statistics.typical <= statistics.worst
     assert 0 < statistics.hits <= statistics.polished
