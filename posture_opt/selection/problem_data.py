@@ -8,10 +8,12 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Self, TypeVar
 
+import numpy as np
+
 from posture_opt.collision.cell import CellSpec
 from posture_opt.collision.obstacles.mesh import Mesh
 from posture_opt.collision.scene import Scene
-from posture_opt.errors import NoSolutionError
+from posture_opt.errors import InputError, Issue, NoSolutionError
 from posture_opt.measurements.data_section import DataSpec
 from posture_opt.model.arm import Arm
 from posture_opt.model.effects import CatalogueEntry, Effect, NoiseEffect
@@ -21,6 +23,7 @@ from posture_opt.robot.corrections import corrections_of
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.solvers import Solver
 from posture_opt.selection.tasks import Task
+from posture_opt.statements import Statement, state
 from posture_opt.uncertainty.sources import Sources
 from posture_opt.uncertainty.uncertainty_section import MeasurementSpec
 
@@ -138,6 +141,18 @@ class ProblemData(Summarised, ABC):
     def files(self, stem: str) -> dict[str, bytes]:
         """File name -> content: the problem file and its companions."""
 
+    @property
+    def remarks(self) -> tuple[Statement, ...]:
+        """What a posture of an arm without a shape is not checked against."""
+        scene = self.scene
+        if self.robot.n < 3 or scene.active or scene.switched_off:
+            return ()
+        tipped = any(f.kind == "rotate" and f.axis != 2 and abs(f.nominal) > 1e-6 for f in self.robot.base)
+        asked = any(term.keeps_clear for term in task_of(self).subject_to)
+        hint = () if tipped or asked else (state("collision.link-height"),)
+        why = "; ".join(self.robot.shape_notes) or "the shape of the arm is not known"
+        return (state("collision.shape-unknown", why=why), *hint)
+
 
 Problem = TypeVar("Problem", bound=ProblemData)
 Answer = TypeVar("Answer")
@@ -173,3 +188,30 @@ class FittedArm:
     @property
     def covariance_file(self) -> str:
         return f"{self.label}_covariance.csv"
+
+
+def task_of(problem: ProblemData) -> Task:
+    if problem.task is None:
+        hint = "add task: {kind: insert}, or name one: --task insert"
+        raise InputError(Issue("the problem states no task", ("task",), hint=hint))
+    return problem.task
+
+
+def one_target(task: Task) -> Task:
+    """The task, or an InputError for several targets."""
+    if task.features or task.on_path:
+        what, key = ("features", ("task", "features")) if task.features else ("a path", ("task",))
+        hint = "solve the task as it is, or name one target: position: [0.6 m, 0.2 m, 0.1 m]"
+        raise InputError(Issue(f"this takes a task with one target, and the task has {what}", key, hint=hint))
+    return task
+
+
+def sources_of(problem: ProblemData) -> Sources:
+    """The sources that the task sees; an InputError without one of the arm: the workpiece's are alike everywhere."""
+    # Stricter than for one posture: a spread of zero is an answer there, but no reason for any choice.
+    if problem.sources.empty or not np.any(np.diag(problem.sources.covariance) > 0):
+        hint = "add uncertainty: {sigma: {JOINT.theta: 0.02 deg}} or uncertainty: {repeatability: 0.05 mm}"
+        what = "nothing" if problem.workpiece_sources.empty else "nothing of the arm"
+        message = f"{what} is uncertain, so no posture is better than another"
+        raise InputError(Issue(message, ("uncertainty",), hint=hint))
+    return problem.task_sources

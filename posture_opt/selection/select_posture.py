@@ -11,9 +11,9 @@ import casadi as ca
 
 from posture_opt.interrupts import interruptible
 from posture_opt.numerics import Progress
-from posture_opt.selection.answer.selector import PostureSelector, task_of
+from posture_opt.selection.answer.selector import PostureSelector
 from posture_opt.selection.answer.solution import Solution
-from posture_opt.selection.problem_data import ProblemData, with_fallbacks
+from posture_opt.selection.problem_data import ProblemData, task_of, with_fallbacks
 
 Answer: TypeAlias = Solution
 # Imported where a task needs them: one target is answered without.

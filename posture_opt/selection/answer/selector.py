@@ -26,7 +26,7 @@ from posture_opt.selection.answer.infeasible import (
 from posture_opt.selection.answer.ordinary import OrdinaryRule, costs_at_most
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.answer.target_answer import Status
-from posture_opt.selection.problem_data import ProblemData
+from posture_opt.selection.problem_data import ProblemData, one_target, sources_of, task_of
 from posture_opt.selection.program.optimisation_problem import (
     Alignment,
     OptimisationProblem,
@@ -62,7 +62,6 @@ from posture_opt.selection.search.search_outcome import (
 )
 from posture_opt.selection.tasks import Task
 from posture_opt.statements import Quantity, Statement, state
-from posture_opt.uncertainty.sources import Sources
 from posture_opt.uncertainty.task_spread import lies_in_plane
 from posture_opt.uncertainty.tool_point import ToolPoint
 
@@ -358,9 +357,8 @@ class PostureSelector:
             hits=found.hits if found.found and found.found[0].objective <= as_good(best.objective) else 0,
             batches=found.batches, recurred=found.recurred, sweep=outcome.swept, confirmation=confirmation,
         )  # fmt: skip
-        notes: tuple[str | Statement, ...] = (
-            *self._problem.notes, problem.axis_note(found.target), *self.remarks(),
-        )  # fmt: skip
+        stated = self._problem
+        notes: tuple[str | Statement, ...] = (*stated.notes, problem.axis_note(found.target), *stated.remarks)
         if not outcome.feasible:
             notes = (*notes, state("selection.relaxed-search"))
         notes += self._beside(best.q, found.target)
@@ -443,49 +441,9 @@ class PostureSelector:
         return max(engine.candidates(Q, target)[0].violation, -float(self._problem.scene.slack(Q)[0]))
 
     def _beside(self, q: Array, target: TaskTarget) -> tuple[Statement, ...]:
-        if not self.reach.normals.shape[1]:
+        N = self.reach.normals
+        if not N.shape[1] or target.kind == "anywhere":
             return ()
         point = np.array(self.tool_point.walk(q.tolist())[0].position, dtype=float)
-        N = self.reach.normals
         distance = float(np.linalg.norm(N @ (N.T @ (point - np.clip(point, target.lower, target.upper)))))
-        if target.kind == "anywhere" or distance <= PLANE_TOLERANCE:
-            return ()
-        return (state("selection.off-plane", distance=Quantity(distance)),)
-
-    def remarks(self) -> tuple[Statement, ...]:
-        """What is not looked at."""
-        scene = self._problem.scene
-        if self._problem.robot.n < 3 or scene.active or scene.switched_off:
-            return ()
-        tipped = any(f.kind == "rotate" and f.axis != 2 and abs(f.nominal) > 1e-6 for f in self._problem.robot.base)
-        asked = any(term.keeps_clear for term in self.task.subject_to)
-        hint = () if tipped or asked else (state("collision.link-height"),)
-        why = "; ".join(self._problem.robot.shape_notes) or "the shape of the arm is not known"
-        return (state("collision.shape-unknown", why=why), *hint)
-
-
-def task_of(problem: ProblemData) -> Task:
-    if problem.task is None:
-        hint = "add task: {kind: insert}, or name one: --task insert"
-        raise InputError(Issue("the problem states no task", ("task",), hint=hint))
-    return problem.task
-
-
-def one_target(task: Task) -> Task:
-    """The task, or an InputError for several targets."""
-    if task.features or task.on_path:
-        what, key = ("features", ("task", "features")) if task.features else ("a path", ("task",))
-        hint = "solve the task as it is, or name one target: position: [0.6 m, 0.2 m, 0.1 m]"
-        raise InputError(Issue(f"this takes a task with one target, and the task has {what}", key, hint=hint))
-    return task
-
-
-def sources_of(problem: ProblemData) -> Sources:
-    """The sources that the task sees; an InputError without one of the arm: the workpiece's are alike everywhere."""
-    # Stricter than for one posture: a spread of zero is an answer there, but no reason for any choice.
-    if problem.sources.empty or not np.any(np.diag(problem.sources.covariance) > 0):
-        hint = "add uncertainty: {sigma: {JOINT.theta: 0.02 deg}} or uncertainty: {repeatability: 0.05 mm}"
-        what = "nothing" if problem.workpiece_sources.empty else "nothing of the arm"
-        message = f"{what} is uncertain, so no posture is better than another"
-        raise InputError(Issue(message, ("uncertainty",), hint=hint))
-    return problem.task_sources
+        return () if distance <= PLANE_TOLERANCE else (state("selection.off-plane", distance=Quantity(distance)),)

@@ -218,7 +218,7 @@ def _mapped(
     if not any(point.feasible for point in map_points[:size]):
         raise NoSolutionError(_nowhere(map_points[:size]))
     solved = next(e for e, point in zip(engines, map_points, strict=True) if point.feasible).optimisation_problem
-    remarks = (*selector.remarks(), *_narrowed_notes(problem))
+    remarks = (*problem.remarks, *_narrowed_notes(problem))
     notes: tuple[str | Statement, ...] = (*problem.notes, solved.axis_note(selector.target), *remarks)
 
     def found(said: Confirmation | None = None) -> TargetMap:

@@ -17,7 +17,7 @@ from posture_opt.numerics import Array, DerivedAgain, Progress
 from posture_opt.selection.answer.infeasible import explain_stations, infeasible
 from posture_opt.selection.answer.path_answer import Motion, Naive, PathAnswer, TimeLaw
 from posture_opt.selection.answer.placement import Placement, PlacementFigure, PlacementRange
-from posture_opt.selection.answer.selector import PostureSelector, task_of
+from posture_opt.selection.answer.selector import PostureSelector
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.answer.target_answer import Status
 from posture_opt.selection.paths.joint_steps import JointSteps, off_lines, step_bounds
@@ -32,7 +32,7 @@ from posture_opt.selection.paths.motion_search import (
     smooth_motion,
 )
 from posture_opt.selection.paths.path_candidates import PathCandidates, find_candidates
-from posture_opt.selection.problem_data import ProblemData
+from posture_opt.selection.problem_data import ProblemData, task_of
 from posture_opt.selection.program.task_path import TaskPath
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.engine import Engine
@@ -284,7 +284,7 @@ class PathSelector(DerivedAgain):
     ) -> Solution:
         """Answer of a motion with steps up to ``largest`` [rad or m], and the reasons why it does not do."""
         targets, problem = search.found.targets, search.engine.optimisation_problem
-        axis, remarks = problem.axis_note(targets[0]), self.selector.remarks()
+        axis, remarks = problem.axis_note(targets[0]), self.problem.remarks
         notes: tuple[str | Statement, ...] = (*self.problem.notes, axis, *remarks)
         astray, counts = off_lines(search.engine, motion.Q), tuple(map(len, search.found.costs))
         smallest = min(search.calmest[1].largest_step, motion.largest_step)
