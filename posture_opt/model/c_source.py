@@ -10,6 +10,7 @@ from typing import Any
 import casadi as ca
 
 from posture_opt.errors import InputError, Issue
+from posture_opt.files import packaged
 from posture_opt.model.c_rows import CFunction, Steps, one_text, preamble_text, rows_text
 from posture_opt.texts import one_line
 
@@ -115,6 +116,11 @@ def _c_comment(arguments: list[tuple[str, tuple[int, int]]], descriptions: Mappi
         text = one_line(descriptions.get(key, "")).replace("*/", "* /")
         lines.append(f" *   {key} ({size}) {text}".rstrip())
     return "\n".join(lines)
+
+
+def c_file(package: str, file: str, numbers: Mapping[str, float]) -> str:
+    """The text of a C file in a package, behind the numbers that it shares with Python, as macros."""
+    return "".join(f"#define {name} {value!r}\n" for name, value in numbers.items()) + packaged(package, file)
 
 
 def c_text(functions: list[ca.Function]) -> str:

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from posture_opt.errors import InputError, Issue, SolverError
+from posture_opt.files import packaged
 from posture_opt.model.c_source import c_source, c_text, row_function
 from posture_opt.model.toolchain import BuildError, Library, shared_library
 
@@ -26,29 +27,7 @@ _ROW_NAME = "posture_opt_row"
 # from Python of thrice its own time
 _WIDTHS = (256, 16, 1)
 # C text of a loop over rows; returns 0, −1 where memory is short, or the number from 1 of the row that failed
-_BATCH_LOOP_C = """
-#include <stdlib.h>
-
-CASADI_SYMBOL_EXPORT long long posture_opt_batch(long long rows, const double* const* inputs,
-    const long long* steps, double* const* outputs, const long long* sizes) {
-  casadi_int sz_arg, sz_res, sz_iw, sz_w, i;
-  long long row, failed = 0;
-  const double** arg; double** res; casadi_int* iw; double* w;
-  posture_opt_row_work(&sz_arg, &sz_res, &sz_iw, &sz_w);
-  arg = malloc((sz_arg + 1) * sizeof *arg);
-  res = malloc((sz_res + 1) * sizeof *res);
-  iw = malloc((sz_iw + 1) * sizeof *iw);
-  w = malloc((sz_w + 1) * sizeof *w);
-  if (!arg || !res || !iw || !w) failed = -1;
-  for (row = 0; row < rows && !failed; ++row) {
-    for (i = 0; i < posture_opt_row_n_in(); ++i) arg[i] = inputs[i] + row * steps[i];
-    for (i = 0; i < posture_opt_row_n_out(); ++i) res[i] = outputs[i] + row * sizes[i];
-    if (posture_opt_row(arg, res, iw, w, 0)) failed = row + 1;
-  }
-  free(arg); free(res); free(iw); free(w);
-  return failed;
-}
-"""
+_BATCH_LOOP_C = packaged("posture_opt.model", "batch_loop.c")
 
 
 class BatchFunction:
@@ -263,24 +242,7 @@ def _address(array: Array) -> ctypes.c_void_p:
 
 
 # C text that opens and closes the working memory of a generated function
-_MEMORY_C = """
-#include <math.h>
-#include <stdlib.h>
-
-typedef struct { const double** arg; double** res; casadi_int* iw; double* w; } po_memory;
-typedef int (*po_sizes)(casadi_int*, casadi_int*, casadi_int*, casadi_int*);
-
-static void po_close(po_memory* m) { free((void*)m->arg); free(m->res); free(m->iw); free(m->w); }
-static int po_open(po_memory* m, po_sizes work) {
-  casadi_int arg, res, iw, w;
-  work(&arg, &res, &iw, &w);
-  m->arg = malloc((arg + 1) * sizeof *m->arg);
-  m->res = malloc((res + 1) * sizeof *m->res);
-  m->iw = malloc((iw + 1) * sizeof *m->iw);
-  m->w = malloc((w + 1) * sizeof *m->w);
-  return m->arg && m->res && m->iw && m->w;
-}
-"""
+_MEMORY_C = packaged("posture_opt.model", "memory.c")
 
 
 class RowLoop:

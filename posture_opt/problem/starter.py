@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from posture_opt.errors import InputError, Issue, either, listed
+from posture_opt.files import packaged
 from posture_opt.measurements.measurements import nominal_poses
 from posture_opt.model.arm import Arm
 from posture_opt.numerics import Array, Mask
@@ -25,46 +26,7 @@ from posture_opt.selection.answer.selector import PostureSelector
 from posture_opt.texts import one_line
 from posture_opt.units import joint_text
 
-_STARTER_TEMPLATE = string.Template("""\
-# A problem file of posture_opt: in which posture does the position scatter of this arm hurt the task least?
-#
-#   optimize-posture --problem THIS_FILE.yaml
-#
-# Every number with a dimension carries its unit: 1 deg, 20 arcsec, 0.05 mm, 2.5 kg; only 0 needs none. A line behind
-# '#' is a suggestion; 'optimize-posture list' names tasks and terms, 'optimize-posture schema' every key.
-
-name: $title
-
-robot:
-$robot
-  # base: {xyz: [0 m, 0 m, 0 m], rpy: [0 deg, 0 deg, 0 deg]}     # the base in the world
-  # tool: {xyz: [0 m, 0 m, 0.1 m], rpy: [0 deg, 0 deg, 0 deg]}   # the tool point in the flange
-  # payload: 2 kg
-
-# cell:                             # obstacles around the arm, in the world; cell: none checks no collisions at all
-#   obstacles:
-#     - {name: table, kind: box, size: [1.2 m, 0.8 m, 20 mm], xyz: [0.5 m, 0 m, -10 mm]}
-#     - {name: post, kind: cylinder, radius: 60 mm, length: 0.8 m, xyz: [0.3 m, 0.5 m, 0.4 m]}
-#   clearance: 20 mm                # of the arm to all of them, and of its links to each other
-
-uncertainty:
-$uncertainty
-task:
-  kind: insert                      # insert | drill | probe | measure | trace | place
-  direction: $direction             # in the world
-$position
-  # In place of it, a box to put the workpiece in; without both it may stand anywhere in reach, and its place is part
-  # of the answer.
-  # region: {min: $minimum, max: $maximum}
-  # tool_axis: [0, 0, 1]            # of the tool, laid along the direction where the arm can
-  # tilt: 5 deg                     # how far it may lean
-  # clearance: 0.2 mm               # radial play of the hole: gives the probability of success
-  # criterion: worst                # worst | trace | area | miss
-  subject_to:
-    - {kind: limit_margin, at_least: 5 deg}     # no joint near its end
-$table
-solver: {kind: ipopt, seed: 0}
-""")
+_STARTER_TEMPLATE = string.Template(packaged("posture_opt.problem", "starter.yaml"))
 
 _REPEATABILITY_TEMPLATE = string.Template("""\
   # $source

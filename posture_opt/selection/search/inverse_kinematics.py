@@ -17,6 +17,7 @@ import casadi as ca
 import numpy as np
 
 from posture_opt.model.arm import Arm
+from posture_opt.model.c_source import c_file
 from posture_opt.model.chain import stack
 from posture_opt.model.compiled import BatchFunction, RowLoop
 from posture_opt.numerics import Array
@@ -34,32 +35,7 @@ STALL_RATIO = 0.9  # of a Panda's arrivals 4 % are lost, and each costs a quarte
 LONGEST_IK_STEP = 1.0  # rad or m: longer steps of a linear model of a rotation mean nothing
 
 
-_LOOP = """
-long long posture_opt_loop(long long rows, long long n, double* q, const double* request, long long request_step,
-    long long steps, long long enough, double tolerance, double* error) {
-  po_memory ik = {0};
-  long long arrived = 0, row, i, step, window = steps / WINDOW;
-  double *space = malloc((2 * n + steps + 1) * sizeof *space), *now = space, *next = space + n, *past = next + n;
-  if (!space || !po_open(&ik, ik_step_work)) arrived = -1;
-  for (row = 0; row < rows && arrived >= 0 && arrived < enough; ++row) {
-    double *best = q + row * n, least = INFINITY, distance;
-    for (i = 0; i < n; ++i) now[i] = best[i];
-    for (step = 0; step < steps; ++step) {
-      double* swap;
-      ik.arg[0] = now; ik.arg[1] = request + row * request_step; ik.res[0] = next; ik.res[1] = &distance;
-      ik_step(ik.arg, ik.res, ik.iw, ik.w, 0);
-      if (distance < least) { least = distance; for (i = 0; i < n; ++i) best[i] = now[i]; }
-      if (distance < tolerance) { ++arrived; break; }
-      past[step] = distance;
-      if (step >= window && !(distance < RATIO * past[step - window])) break;
-      swap = now; now = next; next = swap;
-    }
-    error[row] = least;
-  }
-  free(space); po_close(&ik);
-  return arrived;
-}
-""".replace("WINDOW", repr(STALL_WINDOW)).replace("RATIO", repr(STALL_RATIO))
+_LOOP = c_file("posture_opt.selection.search", "inverse_kinematics.c", {"WINDOW": STALL_WINDOW, "RATIO": STALL_RATIO})
 
 
 class InverseKinematics:

@@ -9,18 +9,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from functools import cached_property
+from functools import cache, cached_property
 from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
-from posture_opt.collision.contacts import Contacts
+from posture_opt.collision.contacts import C_TEXT, MOST_NEAR, POINTS, Contacts
+from posture_opt.model.c_source import c_file
 from posture_opt.model.compiled import BatchFunction, RowLoop
 from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.selection.program.nlp import Nlp
+from posture_opt.selection.search import quadratic_model
 from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE
-from posture_opt.selection.search.local_search_c import LOOP_TEXT
 from posture_opt.selection.search.quadratic_model import (
     INFINITE_BOUND,
     LARGER,
@@ -66,6 +67,15 @@ class LocalOptima:
         return LocalOptima(*(getattr(self, field.name)[chosen] for field in fields(self)))
 
 
+_SHARED = {k: v for k, v in vars(quadratic_model).items() if k.isupper() and isinstance(v, int | float)}
+_SHARED |= {"MOST_NEAR": MOST_NEAR, "POINTS": POINTS}
+
+
+@cache
+def _loop_text() -> str:
+    return C_TEXT + c_file("posture_opt.selection.search", "local_search.c", _SHARED)
+
+
 class LocalSearch:
     """The local search of one program: Newton's step, a step ``restore`` back onto the target, and the merit."""
 
@@ -79,7 +89,7 @@ class LocalSearch:
         frames = (
             ca.Function("frames", [ca.SX.sym("q", len(nlp.variables))], []) if contacts is None else contacts.frames
         )
-        self._loop = RowLoop({**named, "restore": restore, "frames": frames}, LOOP_TEXT, compiled)
+        self._loop = RowLoop({**named, "restore": restore, "frames": frames}, _loop_text(), compiled)
 
     def descend(
         self, Q: Array, parameters: Array, request: Array, steps: int, state: Array | None = None

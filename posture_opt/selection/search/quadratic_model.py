@@ -21,7 +21,7 @@ import numpy as np
 
 from posture_opt.numerics import Array, Codes, Mask
 
-# What the loops in C and in NumPy agree on: `local_search_c` takes them as macros of these names.
+# What the loops in C and in NumPy agree on: `local_search.c` takes them as macros of these names.
 PENALTY = 1e3  # of a squared row in the merit, in units of the objective (about 1)
 WORKING_SET_TOLERANCE = 1e-8  # rad or m: a row or bound that is violated by more belongs to the working set
 JOINED_MULTIPLIER = 1e-12  # of what has just joined; half of it where it would leave at once, to be met again

@@ -1,19 +1,9 @@
-"""C text of the local search: quadratic model and step for one point at a time, and the loop around them.
+/* Local search: quadratic model and step for one point at a time, and the loop around them.
+ *
+ * The same operations in the same order as quadratic_model.py, but for the eigenvalues: here by Jacobi's rotations
+ * (Golub and Van Loan 2013, section 8.5), short and exact for the few directions that the rows leave. Around the
+ * functions values, slopes, hessian and restore. */
 
-The same operations in the same order as `quadratic_model`, but for the eigenvalues: here by Jacobi's rotations (Golub
-and Van Loan 2013, section 8.5), short and exact for the few directions that the rows leave.
-"""
-
-from __future__ import annotations
-
-from posture_opt.collision.contacts import C_TEXT as CONTACTS_TEXT
-from posture_opt.collision.contacts import MOST_NEAR, POINTS
-from posture_opt.selection.search import quadratic_model as model
-
-_NUMBERS = {**vars(model), "MOST_NEAR": MOST_NEAR, "POINTS": POINTS}
-_DEFINED = [f"#define {k} {v!r}\n" for k, v in _NUMBERS.items() if k.isupper() and isinstance(v, int | float)]
-
-_MODEL = """
 static double po_dot(long long n, const double* a, const double* b) {
   double sum = 0; long long i;
   for (i = 0; i < n; ++i) sum += a[i] * b[i];
@@ -256,9 +246,7 @@ static void po_advance(const po_model* s, const double* value, const double* bef
   }
   for (j = 0; j < n; ++j) p[j] *= first;
 }
-"""
 
-_LOOP = """
 /* Where a search stands: m rows of the program, then those of the contacts, then the n variables. */
 typedef struct {
   long long n, rows, m;
@@ -390,7 +378,3 @@ long long posture_opt_loop(long long rows, long long n, long long own, double* q
   po_scene_close(&scene);
   return failed;
 }
-"""
-
-# C text of ``posture_opt_loop``, around the functions ``values``, ``slopes``, ``hessian`` and ``restore``.
-LOOP_TEXT = "".join([CONTACTS_TEXT, *_DEFINED, _MODEL, _LOOP])
