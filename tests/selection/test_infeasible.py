@@ -208,7 +208,7 @@ def test_exact_distances_decide_where_no_posture_meets_their_lower_bounds() -> N
     assert reason.startswith(f"clearance to feeder is {gap:.2f} mm at most, and at least 24 mm is required")
 
 
-@pytest.mark.parametrize("table", conformance([True, False], [True]))
+@pytest.mark.parametrize("table", [True, pytest.param(False, marks=pytest.mark.long)])
 def test_a_target_is_moved_along_its_table_and_not_into_it(table: bool) -> None:
     """The nearest point that an arm reaches is lower: in the table, or below the plane that the arm stands on.
 
@@ -297,7 +297,7 @@ def test_a_held_joint_does_not_free_the_tool_axis(robot: str, task: dict[str, An
     assert {reason.requirement for reason in caught.value.solution.reasons} <= {f"fixed_joints of {j}" for j in held}
 
 
-@pytest.mark.parametrize("side", conformance([0.205, 0.3], [0.205]))
+@pytest.mark.parametrize("side", [0.205, pytest.param(0.3, marks=pytest.mark.long)])
 def test_an_obstacle_about_the_arm_is_the_reason(side: float) -> None:
     """The shoulder is 141 mm inside of a box about it, whatever the posture."""
     data = asked("ur10e", [0.6, 0.2, 0.2], clearance="0.3 mm")
