@@ -140,12 +140,13 @@ def test_a_process_that_was_forked_after_a_solve_solves() -> None:
 
 
 NANNY = """
+from posture_opt.errors import InputError
 from posture_opt.workers.dask_cluster import scheduled
 if __name__ == "__main__":
     try:
         with scheduled("local", 2):
             print("begun")
-    except po.errors.InputError as error:
+    except InputError as error:
         print(error)
 """
 

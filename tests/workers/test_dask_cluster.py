@@ -137,6 +137,7 @@ def test_without_dask_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -
 LOCAL = """
 import os, signal, sys
 import posture_opt.workers.dask_cluster as cluster
+from posture_opt.errors import InputError
 from tests.workers.parts import squared
 
 if __name__ == "__main__":
@@ -149,7 +150,7 @@ if __name__ == "__main__":
     distributed.LocalCluster = Killed
     try:
         cluster.scheduled("local")
-    except po.errors.InputError as error:
+    except InputError as error:
         print(error)
 """
 
