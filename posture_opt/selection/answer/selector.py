@@ -438,7 +438,8 @@ class PostureSelector:
         """By how much [m, rad or 1] the posture misses that the inverse kinematics leads q (n,) to."""
         engine = self.engine(target, guarded=False)
         Q, _ = engine.ik.solve(np.clip(q, engine.robot.lower, engine.robot.upper)[None], engine.held(target))
-        return max(engine.candidates(Q, target)[0].violation, -float(self._problem.scene.slack(Q)[0]))
+        off = float(self.reach.misses(target.lower, target.upper))  # held joints may leave a plane to the tool point
+        return max(engine.candidates(Q, target)[0].violation, -float(self._problem.scene.slack(Q)[0]), off)
 
     def _beside(self, q: Array, target: TaskTarget) -> tuple[Statement, ...]:
         N = self.reach.normals
