@@ -97,9 +97,7 @@ class HeldOut:
     """Position errors of every row by a model that has not seen its group, and whether they were expected."""
 
     errors: Array  # (N, 3) model minus measured [m], world
-    # (N,) in the 95 % region that the errors of the other rows lead one to expect, and what these leave unknown of the
-    # parameters
-    inside: Mask
+    inside: Mask  # (N,) in the 95 % region that the held-out errors of the other folds span
     # (N, axes, axes) covariance of noise at each row, up to a factor, where it is not the same at all rows
     shape: Array | None = None
     unsettled: int = 0  # how many fits did not converge
@@ -128,7 +126,7 @@ def refitted_errors(
     Returns Errors (N, 3) [m] of every row, and whether it lies in its predicted 95 % region.
     """
     data = residuals.data
-    errors, inside, not_converged = np.zeros((len(data), 3)), np.zeros(len(data), dtype=bool), 0
+    errors, not_converged = np.zeros((len(data), 3)), 0
     for left_out in folds:
         learn = found.kept.copy()
         learn[left_out] = False
@@ -136,7 +134,7 @@ def refitted_errors(
             message = "leaving out what belongs together leaves no row to learn from, gross errors apart"
             raise InsufficientDataError(Issue(message, hint="measure more postures", file=data.file))
         training = residuals.take(np.flatnonzero(learn))
-        x, again = fit_frames(training, found.x), None
+        x = fit_frames(training, found.x)
         if not frames:
             again = estimate_parameters(
                 training, x, found.directions, found.prior, robust=False, near=found.minimum.x,
@@ -147,10 +145,8 @@ def refitted_errors(
             errors[left_out] = residuals.data.held_out_touches(residuals.error(x))[left_out]
         else:
             errors[left_out] = position_errors(residuals.take(left_out), x)
-        taught = position_errors(training, x)[:, residuals.axes]
-        inside[left_out] = _inside_regions(residuals, left_out, errors[left_out], taught, x, again)
         report_step()
-    return HeldOut(errors, inside, unsettled=not_converged)
+    return HeldOut(errors, inside_regions(errors[:, residuals.axes], folds, found.kept), unsettled=not_converged)
 
 
 def held_out(
@@ -167,44 +163,16 @@ def linear_held_out_errors(
     shape: Array | None = None,
 ) -> HeldOut:  # fmt: skip
     """Errors of the rows of each fold by its own linear model, fitted to the other rows; further arguments as above."""
-    N, block = len(residuals.data), residuals.block
-    errors, inside = np.zeros((N, 3)), np.zeros(N, dtype=bool)
-    root = None if shape is None else np.asarray(np.linalg.cholesky(shape), dtype=float)
+    block, axes = residuals.block, residuals.axes
+    errors, folds = np.zeros((len(residuals.data), 3)), []
     for left_out, linear in models:
         r, kept = linear.without(without)
-        theirs = residual_indices(left_out, block)
-        step, spread = refit_of_fold(linear, r, kept, theirs)
+        step, _ = refit_of_fold(linear, r, kept, residual_indices(left_out, block))
         refitted = r + linear.U @ (linear.K[:, kept] @ step)
-        e = positions_of(residuals, refitted[residual_indices(judged_rows(residuals, left_out), block)], left_out)
-        errors[np.ix_(left_out, residuals.axes)] = e
-        unit_steps = linear.U @ (linear.K[:, kept] @ spread)
-        inside[left_out] = in_regions(e, *_expected_covariance(residuals, refitted, unit_steps, left_out, root))
-    return HeldOut(errors, inside, shape)
-
-
-def _expected_covariance(
-    residuals: Residuals, r: Array, unit_steps: Array, left_out: Codes, root: Array | None
-) -> tuple[Array, float]:
-    """Covariance (n, axes, axes) [m²] of the errors of n rows left out, and how many others it is estimated from.
-
-    r (m,) residuals by the refitted model; unit_steps (m, p) columns for parameters of variance one each, for residuals
-    of variance one; root (N, axes, axes) of the covariance of noise, up to a factor, where it is not the same at all
-    rows.
-    """
-    N, block, d = len(residuals.data), residuals.block, len(residuals.axes)
-    learn = np.setdiff1d(np.arange(N), left_out)
-    taught = residuals.metres(r[: N * block].reshape(N, block)[learn, :d], learn)
-    rows = unit_steps[: N * block].reshape(N, block, -1)[:, :d]
-    free = max(len(learn) - float(np.sum(rows[learn] ** 2)) / d, d + 1.0)
-    if root is not None:
-        taught = np.asarray(np.linalg.solve(root[learn], taught[:, :, None])[:, :, 0])
-    C = np.broadcast_to(taught.T @ taught / free, (len(left_out), d, d))
-    if root is not None:
-        C = root[left_out] @ C @ np.swapaxes(root[left_out], -1, -2)
-    others = np.delete(r, residual_indices(left_out, block))
-    variance = float(others @ others) / max(len(others) - unit_steps.shape[1], 1)
-    L = residuals.data.held_out_touches(residuals.metres(rows))[left_out]
-    return C + variance * L @ np.swapaxes(L, -1, -2), free
+        judged = residual_indices(judged_rows(residuals, left_out), block)
+        errors[np.ix_(left_out, axes)] = positions_of(residuals, refitted[judged], left_out)
+        folds.append(left_out)
+    return HeldOut(errors, inside_regions(errors[:, axes], folds, shape=shape), shape)
 
 
 def refit_of_fold(linear: LinearModel, r: Array, kept: Codes, left_out: Codes) -> tuple[Array, Array]:
@@ -240,38 +208,31 @@ def positions_of(residuals: Residuals, r: Array, rows: Codes) -> Array:
     return residuals.data.held_out_touches(e)[rows] if residuals.data.touches else e
 
 
-def _inside_regions(
-    residuals: Residuals, rows: Codes, errors: Array, taught: Array, x: Array, found: Fit | None
-) -> Mask:
-    """Whether errors (n, 3) of ``rows`` lie in the 95 % regions that other rows' errors ``taught`` (m, d) lead one to
-    expect.
-    """
-    e, d = errors[:, residuals.axes], len(residuals.axes)
-    frames = sum(p.group != "geometry" for p in residuals.parameters)
-    fitted = frames if found is None else found.spent
-    free = max(len(taught) - fitted / d, d + 1.0)
-    C = np.broadcast_to(taught.T @ taught / free, (len(e), d, d))
-    if found is not None:
-        used = residuals.take(judged_rows(residuals, rows))
-        J = used.residuals_and_jacobian(x)[1][: used.measured].reshape(len(used.data), used.block, -1)[:, :d]
-        J = used.data.held_out_touches(used.metres(J))
-        J = J[rows] if used.data.touches else J
-        C = C + J @ found.covariance @ np.swapaxes(J, -1, -2)
-    return in_regions(e, C, free)
+def inside_regions(e: Array, folds: Folds, kept: Mask | None = None, shape: Array | None = None) -> Mask:
+    """(N,) whether held-out errors e (N, d) lie in 95 % regions spanned by those of the n rows of other folds.
 
+    ``eᵀ C⁻¹ e ≤ d n / (n − d + 1) · F_{0.95}(d, n − d + 1)`` (Hotelling 1931) with ``C = Σ e eᵀ / n``. Errors of the
+    training rows are smaller than C, and by an unknown factor where the model is wrong (CV+: Barber, Candès, Ramdas,
+    Tibshirani 2021).
 
-def in_regions(e: Array, C: Array, free: float) -> Mask:
-    """(n,) whether errors e (n, d) lie in 95 % regions of covariances C (n, d, d) estimated from ``free`` other errors.
-
-    ``eᵀ C⁻¹ e ≤ d ν / (ν − d + 1) · F_{0.95}(d, ν − d + 1)`` (Hotelling 1931) with ν = ``free``.
+    Args:
+        kept: (N,) rows that span regions, by default all.
+        shape: (N, d, d) covariance of noise, up to a factor, where it is not the same at all rows.
     """
     from scipy.special import fdtri
 
-    d = e.shape[1]
-    # An arm measured in space may have no error at all across its plane: C is singular there.
-    inverse = np.linalg.pinv(C, rcond=1e-12, hermitian=True)
-    squared = np.einsum("ni,nij,nj->n", e, inverse, e)
-    return np.asarray(squared <= d * free / (free - d + 1) * fdtri(d, free - d + 1, 0.95))
+    d, inside = e.shape[1], np.zeros(len(e), dtype=bool)
+    if shape is not None:
+        e = np.asarray(np.linalg.solve(np.linalg.cholesky(shape), e[:, :, None])[:, :, 0])
+    for left_out in folds:
+        others = np.ones(len(e), dtype=bool) if kept is None else kept.copy()
+        others[left_out] = False
+        n = max(np.count_nonzero(others), d + 1)
+        # An arm measured in space may have no error at all across its plane: C is singular there.
+        inverse = np.linalg.pinv(e[others].T @ e[others] / n, rcond=1e-12, hermitian=True)
+        squared = np.einsum("ni,ij,nj->n", e[left_out], inverse, e[left_out])
+        inside[left_out] = squared <= d * n / (n - d + 1) * fdtri(d, n - d + 1, 0.95)
+    return inside
 
 
 def position_errors(residuals: Residuals, x: Array) -> Array:

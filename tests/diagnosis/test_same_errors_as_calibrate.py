@@ -21,7 +21,6 @@ def assert_same(problem: po.Problem, data: po.Measurements, other: po.Measuremen
         assert theirs.rms == own.rms
         assert theirs.interval == own.interval
         if other is not None:
-            assert diagnosed.test is not None
             assert diagnosed.test.models[name].rms == pytest.approx(calibrated.test.models[name].rms, rel=1e-9)
     assert diagnosed.held["calibrated"].inside.mean() == calibrated.coverage["calibrated"]
 
@@ -82,3 +81,5 @@ def test_two_series_of_one_arm_agree_on_what_its_sag_could_be() -> None:
     found = po.diagnose(problem, data, plan=False)
     (sag,) = [f for f in found.effects if f.kind == "joint_compliance"]
     assert ("link_bending", "shoulder_pan") in {(c.kind, c.target) for c in sag.confounded_with}
+    # Structure is left: regions of what the training rows leave held 0.84 of the held-out rows.
+    assert min(found.to_json()["coverage95"].values()) > 0.9

@@ -24,27 +24,19 @@ SOLVED = {
     "custom_planar_2r": "a criterion and a bound of one's own",
     "insert_iiwa14_tilt": "freedom left: seven joints, a tilt, the miss as criterion",
     "insert_panda_block": "features in one placement that succeed together",
-    "insert_planar_2r": "a region in the plane, exact moments",
-    "insert_scara_cell": "obstacles, a sliding joint",
-    "insert_scara_tray": "features, the mean of them",
-    "insert_ur10": "a fixed target, configurations as alternatives",
-    "insert_ur10_extended": "effects beyond the geometry",
-    "insert_ur10_peg": "a long peg: both ends and wedging",
-    "measure_planar_2r": "an expanded uncertainty",
-    "weld_planar_2r": "a path",
+    "insert_planar_2r": "a region in the plane, exact moments", "insert_scara_cell": "obstacles, a sliding joint",
+    "insert_scara_tray": "features, the mean of them", "insert_ur10": "a fixed target, configurations as alternatives",
+    "insert_ur10_extended": "effects beyond the geometry", "insert_ur10_peg": "a long peg: both ends and wedging",
+    "measure_planar_2r": "an expanded uncertainty", "weld_planar_2r": "a path",
     "weld_ur10": "a path at the highest speed",
-}
+}  # fmt: skip
 """Problem files, and what is decided in each and in no other."""
 HIDDEN = {
-    "clean": "the geometry alone",
-    "exact": "nothing is found",
-    "loose": "a cause of undetermined size",
-    "outliers": "gross rows",
-    "outside": "an error that no cause explains",
-    "stated_sigma": "a stated sigma that the repeats refute",
-    "two": "two causes, one of which others could replace",
+    "clean": "the geometry alone", "exact": "nothing is found", "loose": "a cause of undetermined size",
+    "outliers": "gross rows", "outside": "an error that no cause explains",
+    "stated_sigma": "a stated sigma that the repeats refute", "two": "two causes, one of which others could replace",
     "batch": "lengths that vary together, a noisy joint of every robot",
-}
+}  # fmt: skip
 """Families of simulated data, and what is decided in each and in no other."""
 INDEX = {"exact": 1}
 """The case of a family, where it is not the first."""
