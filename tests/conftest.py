@@ -17,7 +17,7 @@ for number, handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIG
 
 
 def pytest_addoption(parser):
-    """``--conformance 6``: of what has the marker ``conformance``, every sixth test in the order of collection."""
+    """``--conformance 12``: of what has the marker ``conformance``, every twelfth test in the order of collection."""
     parser.addoption("--conformance", type=int, default=1, metavar="N", help="run every Nth test marked conformance")
 
 

@@ -19,7 +19,14 @@ SHOWN = ("posture_opt.measurements", "posture_opt.model", "posture_opt.uncertain
 """Rooms whose public names all have an example."""
 
 
-@pytest.mark.parametrize("name", WITH_EXAMPLES)
+LONG = ("batch.batch_calibration", "batch.batch_diagnosis", "diagnosis.diagnose", "problem.fitted_problem")
+EXAMPLES = [
+    pytest.param(name, marks=pytest.mark.long) if name.removeprefix("posture_opt.") in LONG else name
+    for name in WITH_EXAMPLES
+]
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
 def test_examples_of_docstrings_print_what_they_show(name: str) -> None:
     module = importlib.import_module(name)
     found = doctest.testmod(module, optionflags=doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS)

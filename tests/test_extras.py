@@ -8,14 +8,9 @@ import sys
 import tomllib
 from importlib.metadata import PackageNotFoundError, distribution, requires
 from importlib.util import find_spec
-from pathlib import Path
 
-import numpy as np
 import pytest
 
-import posture_opt as po
-from posture_opt.report.page.page import plotly_js
-from posture_opt.robot.urdf_shape import read_mesh
 from tests.helpers.fresh import ROOT
 
 TEXT = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
@@ -82,32 +77,6 @@ def test_the_core_works_without_any_extra() -> None:
     files, page = done.stdout.split()
     assert int(files) >= 3
     assert page == "<table>"
-
-
-def test_with_viewer_the_library_of_the_view_stands_in_the_page() -> None:
-    pytest.importorskip("plotly", reason="the extra viewer is not installed")
-    assert len(plotly_js()) > 100_000
-
-
-def test_with_mesh_the_meshes_of_a_urdf_are_read(tmp_path: Path) -> None:
-    """A tetrahedron in the format of most URDF meshes, in millimetres."""
-    pytest.importorskip("trimesh", reason="the extra mesh is not installed")
-    corners = np.array([[0, 0, 0], [1000, 0, 0], [0, 1000, 0], [0, 0, 1000]])
-    facets = [
-        "facet normal 0 0 0\nouter loop\n"
-        + "".join(f"vertex {x} {y} {z}\n" for x, y, z in corners[list(face)])
-        + "endloop\nendfacet\n"
-        for face in [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
-    ]
-    (tmp_path / "body.stl").write_text(f"solid body\n{''.join(facets)}endsolid body\n", encoding="utf-8")
-    edges = read_mesh(tmp_path / "body.stl", (1e-3, 1e-3, 1e-3))
-    lengths = np.unique(np.linalg.norm(edges.heads - edges.tails, axis=1).round(6))
-    np.testing.assert_allclose(lengths, [1, np.sqrt(2)], atol=1e-6)  # three edges each, in m
-
-
-def test_with_notebook_results_are_tables() -> None:
-    pytest.importorskip("pandas", reason="the extra notebook is not installed")
-    assert len(po.propagate(po.load_problem("insert_planar_2r"), [0.3, 0.5]).to_dataframe()) > 0
 
 
 MODULES = {

@@ -45,7 +45,6 @@ def killed(out: Path, rng: random.Random) -> None:
     with subprocess.Popen(
         [sys.executable, "-c", ENDLESS, str(out)], stdout=subprocess.PIPE, cwd=ROOT, env={**os.environ}
     ) as process:
-        assert process.stdout is not None
         for _ in range(rng.randint(2, 4)):
             begun = time.monotonic()
             process.stdout.readline()

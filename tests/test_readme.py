@@ -9,8 +9,6 @@ from pathlib import Path
 import pytest
 import yaml
 
-import posture_opt
-
 ROOT = Path(__file__).parents[1]
 LINK = re.compile(r"\]\(([^)#:]+?)(?:#[^)]*)?\)")
 
@@ -25,10 +23,8 @@ def test_links_lead_to_files(name: str) -> None:
     assert [link for link in linked if not (ROOT / link).exists()] == []
 
 
-def test_version_and_license_are_stated_alike() -> None:
+def test_license_and_authors_are_stated_alike() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
-    assert posture_opt.__version__ == project["version"] == citation["version"]
     assert project["license"] == citation["license"] == "BSD-3-Clause"
     assert [author["name"] for author in project["authors"]] == [author["name"] for author in citation["authors"]]
-    assert f"## {project['version']}" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")

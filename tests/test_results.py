@@ -12,21 +12,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 
 import posture_opt as po
 from posture_opt.output import finite
 from posture_opt.report.page.save import OWN_FILES
 from posture_opt.result import Result
 from tests.helpers.every_result import MADE
+from tests.helpers.figure_style import assert_style
 from tests.helpers.folders import names as names_in
-
-
-@pytest.fixture(scope="module", params=MADE)
-def result(request: pytest.FixtureRequest) -> Result:
-    made = MADE[request.param]()
-    assert type(made).__name__ == request.param.split()[0]
-    return made
+from tests.helpers.report_words import assert_report
 
 
 def test_every_result_is_public_and_tried_here() -> None:
@@ -50,23 +44,32 @@ def test_former_names_are_those_of_today(name: str, today: str) -> None:
     assert name not in po.__all__
 
 
-def test_the_document_is_json(result: Result) -> None:
+@pytest.mark.usefixtures("coarse")
+@pytest.mark.parametrize("name", MADE)
+def test_it_has_a_report_a_document_a_table_figures_and_files(name: str, tmp_path: Path) -> None:
+    result = MADE[name]()
+    assert type(result).__name__ == name.split()[0]
     document = finite(result.to_json())
     assert json.loads(json.dumps(document, allow_nan=False)) == document
-
-
-def test_the_table_has_columns_and_rows(result: Result) -> None:
-    pytest.importorskip("pandas")
-    table = result.to_dataframe()
-    assert len(table.columns) >= 2
-    assert len(table) > 0
-
-
-def test_it_pickles_and_copies_whole(result: Result) -> None:
-    wanted = finite(result.to_json())
     for again in (pickle.loads(pickle.dumps(result)), copy.deepcopy(result)):
-        assert finite(again.to_json()) == wanted
+        assert finite(again.to_json()) == document
         assert again.summary() == result.summary()
+    figures = result.figures()
+    assert figures
+    for title, figure in figures.items():
+        assert figure.axes
+        assert_style(title, figure)
+    picture, _ = result.plot()._repr_png_()  # type: ignore[attr-defined] # what a notebook looks for
+    assert picture.startswith(b"\x89PNG")
+    paths = result.save(tmp_path / "out", figures=False)
+    assert sorted(path.name for path in paths) == names_in(tmp_path / "out")
+    assert all(path.stat().st_size for path in paths)
+    assert {path.name for path in paths} <= OWN_FILES | {"plan.csv", "split_measurements.csv"}
+    assert (tmp_path / "out" / "report.txt").read_text(encoding="utf-8") == result.report()
+    assert_report(result)
+    pytest.importorskip("pandas")
+    assert len(result.to_dataframe().columns) >= 2
+    assert len(result.to_dataframe()) > 0
 
 
 def test_what_solves_again_and_again_pickles_too() -> None:
@@ -120,24 +123,8 @@ def test_without_pandas_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
         MADE["Spread"]().to_dataframe()
 
 
-@pytest.mark.usefixtures("coarse")
-def test_it_draws_and_saves_itself(result: Result, tmp_path: Path) -> None:
-    figures = result.figures()
-    assert figures
-    assert all(isinstance(figure, Figure) and figure.axes for figure in figures.values())
-    shown = result.plot()
-    assert isinstance(shown, Figure)
-    picture, _ = shown._repr_png_()  # type: ignore[attr-defined] # what a notebook looks for
-    assert picture.startswith(b"\x89PNG")
-    paths = result.save(tmp_path / "out", figures=False)
-    assert sorted(path.name for path in paths) == names_in(tmp_path / "out")
-    assert all(path.stat().st_size for path in paths)
-    assert {path.name for path in paths} <= OWN_FILES | {"plan.csv", "split_measurements.csv"}
-    assert (tmp_path / "out" / "report.txt").read_text(encoding="utf-8") == result.report()
-
-
 def test_a_folder_that_cannot_be_written_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("precious", encoding="utf-8")
     with pytest.raises(po.errors.InputError, match="cannot write to"):
-        MADE["Spread"]().save(tmp_path / "file")
+        MADE["Spread"]().save(tmp_path / "file", figures=False)
     assert [path.name for path in tmp_path.iterdir()] == ["file"]

@@ -10,7 +10,7 @@ import pytest
 
 import posture_opt as po
 from tests.helpers.free_arms import BASE, SIX, TOOL, TWO, hidden_errors, problem_of, rows, simulated_points
-from tests.helpers.real_arms import DATA, long_on_real_arms, needs_real_arms
+from tests.helpers.real_arms import DATA, long_on_real_arms
 
 
 @pytest.fixture(scope="module")
@@ -113,7 +113,7 @@ def test_ur5_predicts_another_session() -> None:
     assert result.calibrated.rms < 0.115e-3
 
 
-@needs_real_arms
+@long_on_real_arms
 @pytest.mark.parametrize(("file", "every"), [("series_b.csv", 3), ("series_a.csv", 20)])
 def test_ur10_geometry(file: str, every: int) -> None:
     problem, read = load("ipa_ur10", file)
@@ -125,7 +125,7 @@ def test_ur10_geometry(file: str, every: int) -> None:
     assert result.nominal.rms > 0.8e-3
 
 
-@needs_real_arms
+@long_on_real_arms
 @pytest.mark.parametrize(("file", "problem", "most"), [("panda_3", "panda", 0.22e-3), ("kuka_14", "iiwa", 0.30e-3)])
 def test_sockets_calibrate_without_an_instrument(file: str, problem: str, most: float) -> None:
     loaded, read = load("mukca_sockets", f"{file}.csv", f"problem_{problem}.yaml")

@@ -13,6 +13,7 @@ import pytest
 
 import posture_opt as po
 from tests.helpers.cameras import TOOL_SCENE, Scene, camera_problem, camera_table, grid
+from tests.helpers.hand_eye import errors_of
 from tests.helpers.instruments import JOINTS, UR10, TrueArm, deviations
 
 SMALL = grid(3, 4, 0.05)
@@ -110,21 +111,8 @@ def test_wrong_detections_and_a_board_seen_from_its_other_end_are_left_out(tmp_p
     found = po.calibrate(given, data, test=po.read_measurements(other, given), plan=False)
     assert np.array_equal(np.flatnonzero(~found.fit.kept), [5, 100, *range(240, 252)])
     assert np.sqrt(np.mean(deviations(found, simulated("tool")[0]) ** 2)) < 1.6
-    assert found.test is not None
     assert found.test.models["calibrated"].rms < 0.2 * found.test.models["nominal"].rms
     assert "residual_joints" in found.figures()
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("where", ["cell", "tool"])
-def test_hidden_backlash_is_named(where: str, tmp_path: Path) -> None:
-    given = problem(where, tmp_path)
-    data = po.read_measurements(dict(simulated(where, 6e-4, 50)[1]), given)
-    found = po.diagnose(given, data, plan=False)
-    first = found.effects[0]
-    assert first.target == "elbow"
-    assert first.kind in ("backlash", "load_backlash")  # which of both, pictures from one side hardly tell
-    assert "backlash (elbow)" in found.report() or first.kind == "backlash"
 
 
 @pytest.mark.long
@@ -171,3 +159,14 @@ def test_the_minimum_is_that_of_scipy(tmp_path: Path) -> None:
     levers = found.residuals.data.lever
     assert levers is not None
     assert ours == pytest.approx(theirs, rel=2e-3)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("where", ["cell", "tool"])
+def test_opencv_has_the_larger_error(where: str, tmp_path: Path) -> None:
+    cv2 = pytest.importorskip("cv2")
+    if not hasattr(cv2, "calibrateRobotWorldHandEye"):
+        pytest.skip("this OpenCV has no hand-eye calibration")
+    ours, held, theirs = errors_of(cv2, where, tmp_path, 4)
+    assert held < 1.25 * min(theirs)  # frames alone are worth as much, whoever fits them
+    assert ours < 0.5 * min(theirs)

@@ -64,29 +64,14 @@ def test_another_robots_file_is_refused(setting: Any) -> None:
         po.calibrate(other, rows(other, q, measured(q, rng, errors)))
 
 
-def test_a_stated_base_that_the_data_contradict_is_named_and_freed(setting: Any) -> None:
-    _, q, rng, errors = setting
-    tool = {"xyz": ["30 mm", "-50 mm", "120 mm"]}
-    stated = problem_of(SIX, robot={"base": {"xyz": ["0 m", "0 m", "0 m"]}, "tool": tool})
-    moved = po.calibrate(stated, rows(stated, q, measured(q, rng, errors)))
-    assert [c.cause.kind for c in moved.contradictions] == ["base_frame"]
-    assert moved.calibrated.rms < 3 * NOISE
-    x, _, _ = moved.contradictions[0].estimate["x"]
-    assert abs(x - BASE[0, 3]) < 1e-3  # what the errors of the geometry leave open
-    assert "calibration.frame-contradicted" in {s["id"] for s in moved.to_json()["statements"]}
-    # In the stated frame the same arm calibrates, and the frames are no unknowns.
-    result = po.calibrate(stated, rows(stated, q, measured(q, rng, errors, np.eye(4))))
-    assert not result.contradictions
-    assert not any(p.group in ("base", "tool") for p in result.parameters)
-    assert result.calibrated.rms < 3 * NOISE
-
-
 def test_a_zero_that_is_far_off_is_found_for_all_that_parts_are_better_made(setting: Any) -> None:
     problem, q, rng, errors = setting
     off = q + np.array([0, 0, 0, 0.6, 0, 0])  # what was commanded reads 34 deg more than where the joint stood
     result = po.calibrate(problem, rows(problem, off, measured(q, rng, errors)))
     i = [p.name for p in result.parameters].index("j4.theta")
     assert abs(result.x[i] - errors["j4.theta"] + 0.6) < 4 * result.std[i]
+    assert list(result.implausible) == ["j4.theta"]
+    assert "calibration.implausible-deviation" in {s["id"] for s in result.to_json()["statements"]}
     assert result.calibrated.rms < 3 * NOISE
 
 
@@ -115,14 +100,6 @@ def touching(lengths: list[str]) -> tuple[Any, po.Measurements]:
 def test_an_arm_without_lengths_does_not_tell_its_size_by_touching() -> None:
     problem, data = touching(["0 m", "0 m"])
     with pytest.raises(po.errors.InsufficientDataError, match=r"size of this arm.*distances: \[\[a, b, 50 mm\]\]"):
-        po.calibrate(problem, data)
-
-
-def test_touches_at_random_are_no_arm_of_two_joints() -> None:
-    """Best of all is a tool point on the second axis; how small an arm it is then, the touches do not say."""
-    problem, data = touching(["1 m", "1 m"])
-    missed = "even calibrated, the arm misses the measured points by|holds its tool point where no joint moves it"
-    with pytest.raises((po.errors.InputError, po.errors.InsufficientDataError), match=missed):
         po.calibrate(problem, data)
 
 

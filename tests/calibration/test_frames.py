@@ -37,14 +37,12 @@ def measured(base: np.ndarray, tool: np.ndarray, orientation: bool) -> tuple[Any
     return problem, rows(problem, q, points, **more)
 
 
-@pytest.mark.parametrize("orientation", [False, True], ids=["points", "poses"])
 @pytest.mark.parametrize(
-    ("base", "tool"),
+    ("base", "tool", "orientation"),
     [
-        ((0, 90, 0), (0, 0, 0)),  # on a wall
-        ((30, -89.97, 50), (0, 90, 0)),  # on another, nearly, and a tool that looks sideways
-        ((180, 0, 0), (180, 0, 90)),  # under a ceiling, with a flipped tool
-        ((170, 40, -175), (-120, 60, 150)),
+        ((0, 90, 0), (0, 0, 0), False),  # on a wall
+        ((30, -89.97, 50), (0, 90, 0), True),  # on another, nearly, and a tool that looks sideways
+        ((170, 40, -175), (-120, 60, 150), False),
     ],
 )
 def test_free_frames_are_found_wherever_they_stand(base: Any, tool: Any, orientation: bool) -> None:

@@ -7,6 +7,7 @@ import pytest
 
 import posture_opt as po
 from tests.helpers.instruments import JOINTS, TrueArm, misplaced, plane_table, postures
+from tests.helpers.pairs import ur10_problem
 
 LEAST_PROBABILITY = 0.9  # below it, the nominal arm is delivered
 SMALL, COARSE, FINE = 1.5e-4, 3e-4, 2e-5  # errors of an arm; scatter of plates [m]
@@ -15,16 +16,7 @@ SMALL, COARSE, FINE = 1.5e-4, 3e-4, 2e-5  # errors of an arm; scatter of plates 
 def calibrated(seed: int, size: float, sigma: float, each: int = 60, **how: int) -> tuple[po.Calibration, TrueArm]:
     rng = np.random.default_rng(seed)
     arm = TrueArm.drawn(rng, size)
-    given = po.problem_from_dict(
-        {
-            "robot": {
-                "kind": "preset",
-                "name": "ur10",
-                "tool": {"xyz": ["30 mm", "-20 mm", "120 mm"], "rpy": ["0 deg", "0 deg", "0 deg"], "free": True},
-            },
-            "uncertainty": {"measurement": {"plane": f"{sigma * 1e3:g} mm"}},
-        }
-    )
+    given = ur10_problem({"plane": f"{sigma * 1e3:g} mm"})
     data = po.read_measurements(plane_table(arm, rng, each, sigma, 0.0), given)
     return po.calibrate(given, data, plan=False, **how), arm
 
@@ -51,7 +43,6 @@ def rms_error(found: po.Calibration, arm: TrueArm, x: np.ndarray) -> float:
 def test_plates_worse_than_the_arm_do_not_make_it_worse() -> None:
     found, arm = calibrated(300, SMALL, COARSE, folds=2)
     assert rms_error(found, arm, found.x) < 1.2 * rms_error(found, arm, found.x_nominal)  # 1.12; others gain a third
-    assert found.instrument_scatter is not None
     assert found.instrument_scatter.exceeds
     assert found.instrument_scatter.scatter == pytest.approx(COARSE, rel=0.2)
     assert found.estimates_json()["instrument_scatter"]["exceeds_arm"] is True
@@ -88,7 +79,6 @@ def test_the_nominal_arm_is_kept_where_rows_left_out_are_predicted_no_better() -
 def test_plates_better_than_the_arm_improve_it_and_move_only_what_they_show() -> None:
     found, arm = calibrated(309, 5e-4, FINE, folds=2)
     assert rms_error(found, arm, found.x) < 0.6 * rms_error(found, arm, found.x_nominal)
-    assert found.instrument_scatter is not None
     assert not found.instrument_scatter.exceeds
     still = found.assumed & ~found.fixed
     assert still.any()  # a common scale of all links, say

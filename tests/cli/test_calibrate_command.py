@@ -87,7 +87,6 @@ def test_json_is_the_document_alone_and_priors_can_be_turned_off(folder: Path) -
         ("alike.csv", [], 4, "in 1 pose cannot determine"),
         ("data.csv", ["--test", "nothing.csv"], 2, "no such file: nothing.csv"),
         ("data.csv", ["--by", "place"], 2, "leave out by pose or block"),
-        ("data.csv", ["--by", "row"], 2, "--by"),
         ("data.csv", ["--folds", "1"], 2, "--folds"),
         ("data.csv", ["--refit-frames"], 2, "goes with --test"),
     ],

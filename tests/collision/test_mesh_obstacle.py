@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import casadi as ca
 import coal
 import numpy as np
 import pytest
@@ -101,26 +100,6 @@ def test_distances_are_coals(tmp_path: Path, name: str) -> None:
         exact = max(exact + radius, 0.0)
         assert found[k] <= exact + 1e-6
         assert found[k] >= exact - obstacle.enclosed.outside - 1e-6 or exact < 2 * radius
-
-
-def test_moved_and_smaller_ones_and_their_smooth_bounds(tmp_path: Path) -> None:
-    part(tmp_path, "tray.stl")
-    obstacle = Mesh(name="part", kind="mesh", file="tray.stl", unit="mm").in_folder(tmp_path)
-    start, end = np.random.default_rng(3).uniform(-0.6, 0.6, (2, 60, 3))
-    shift = [0.3, -0.2, 0.1]
-    moved = obstacle.moved(shift).distance(start + shift, end + shift)
-    np.testing.assert_allclose(moved, obstacle.distance(start, end), atol=1e-12)
-    gained = obstacle.smaller(0.005).distance(start, end) - obstacle.distance(start, end)
-    assert np.all(gained[obstacle.distance(start, end) > 0] >= 0.005 - 1e-12)
-    a, u, by, d = (ca.SX.sym(name, size) for name, size in (("a", 3), ("u", 3), ("by", 1), ("d", 3)))
-    lengths = np.linalg.norm(end - start, axis=1)
-    for k in range(0, 60, 10):
-        symbolic = obstacle.smaller(by).moved(ca.vertsplit(d)).bounds(a, u, lengths[k], 0.02)
-        bound = ca.Function("bound", [a, u, by, d], [ca.mmin(ca.vertcat(*symbolic))])
-        found = float(bound(start[k], end[k] - start[k], 0.005, shift))
-        exact = obstacle.smaller(0.005).moved(shift).distance(start[k : k + 1], end[k : k + 1])[0] - 0.02
-        if exact > 0:  # at contact a line takes the place of the root
-            assert exact - 1e-3 <= found <= exact + 1e-9
 
 
 def scene(folder: Path, obstacle: dict[str, object]) -> po.Problem:

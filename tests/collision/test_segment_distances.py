@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import casadi as ca
 import numpy as np
 import pytest
 
@@ -92,12 +91,6 @@ def test_a_half_space_says_how_deep() -> None:
 
 @pytest.mark.parametrize("obstacle", list(obstacles()))
 class TestObstaclesThatMakeRoom:
-    def test_a_moved_one_is_as_far_as_segments_moved_back(self, obstacle) -> None:
-        start, end = random_segments(np.random.default_rng(3), 200)
-        shift = np.array([0.3, -0.2, 0.1])
-        moved = obstacle.moved(shift.tolist()).distance(start + shift, end + shift)
-        np.testing.assert_allclose(moved, obstacle.distance(start, end), atol=1e-12)
-
     def test_a_smaller_one_is_farther_by_that_at_least_and_above_a_face_by_just_that(self, obstacle) -> None:
         start, end = random_segments(np.random.default_rng(4), 200)
         by = min(0.4 * obstacle.half_thickness, 0.05)
@@ -106,15 +99,3 @@ class TestObstaclesThatMakeRoom:
         gained = (after - before)[apart]
         assert np.all(gained >= by - 1e-12)
         assert np.min(gained) == pytest.approx(by, abs=1e-9)
-
-    def test_symbols_give_the_same_bounds_as_numbers(self, obstacle) -> None:
-        by, shift, point, along = ca.SX.sym("by"), ca.SX.sym("t", 3), ca.SX.sym("a", 3), ca.SX.sym("u", 3)
-        changed = obstacle.smaller(by).moved(ca.vertsplit(shift))
-        bounds = ca.Function("b", [by, shift, point, along], [ca.vertcat(*changed.bounds(point, along, 0.5, 0.05))])
-        less, t = min(0.4 * obstacle.half_thickness, 0.05), [0.1, 0.2, -0.3]
-        there = obstacle.smaller(less).moved(t)
-        plain = ca.Function("p", [point, along], [ca.vertcat(*there.bounds(point, along, 0.5, 0.05))])
-        start, end = random_segments(np.random.default_rng(5), 20)
-        for a, b in zip(start, end, strict=True):
-            u = (b - a) / max(np.linalg.norm(b - a), 1e-9) * 0.5
-            np.testing.assert_allclose(bounds(less, t, a, u), plain(a, u), atol=1e-9)

@@ -16,7 +16,7 @@ from tests.helpers.command_server import CPU, ROOT, CommandServer
 
 HERE = Path(__file__).parent
 CASES: list[dict[str, Any]] = yaml.safe_load((HERE / "cases.yaml").read_text(encoding="utf-8"))
-COLD = ("pint_bomb.yaml", "zero_cov.yaml")
+COLD = ("pint_bomb.yaml",)
 """Asked of a fresh interpreter too."""
 
 
@@ -30,7 +30,7 @@ def name_of(case: dict[str, Any]) -> str:
 
 
 LIMITED = [pytest.param(case, marks=pytest.mark.long) if "cpu" in case else case for case in CASES]
-"""A limit of its own has what takes seconds."""
+"""A limit of its own has what takes seconds, or shall take fewer."""
 
 
 @pytest.mark.parametrize("case", LIMITED, ids=name_of)

@@ -36,14 +36,16 @@ PLACES = {
 }
 NAMES = {
     "a pipe": "./pipe.ENDING",
+    "a home of nobody": "~nosuchuser/f.ENDING",
+    "nothing": "./nothing.ENDING",
     "a device": "/dev/zero",
     "a folder": "./folder.ENDING",
     "a file of no size": "/proc/self/environ",
-    "nothing": "./nothing.ENDING",
     "a long name": "./" + "n" * 300 + ".ENDING",
-    "a home of nobody": "~nosuchuser/f.ENDING",
     "a name in Latin-1": "./caf\udce9.ENDING",
 }
+ALL_NAMES = ("--problem", "calibrate", "uncertainty.covariance")
+"""Places where each name is tried; elsewhere the first three show that the place asks."""
 ENDINGS = {"--robot": "urdf", "robot of uncertainty": "urdf", "new": "urdf", "robot.file": "urdf"}
 DATA = Path(__file__).parents[2] / "problems" / "planar_2r_measured.csv"
 
@@ -69,7 +71,7 @@ def test_what_is_no_file_is_refused(place: str, server: CommandServer, folder: P
     words, written = PLACES[place]
     line = written[: written.find("NAME")].count("\n") + 1
     wrong = []
-    for kind, pattern in NAMES.items():
+    for kind, pattern in list(NAMES.items())[: None if place in ALL_NAMES else 3]:
         name = pattern.replace("ENDING", ending_of(place))
         if written and kind == "a name in Latin-1":
             continue  # a problem file is UTF-8

@@ -33,7 +33,6 @@ SLOW = {
     "c": "export --problem NAME --to c --out out --json",
     "krl": "export --problem NAME --to krl --out out --json",
 }
-DRAWN = {what: words.replace(" --no-plots", "") for what, words in {**QUICK, **SLOW}.items() if "--no-plots" in words}
 OF_EACH_KIND = ("insert_planar_2r", "insert_scara_tray", "trace_scara", "insert_urdf_arm", "insert_ur10_extended")
 """In the plane and in space, of one hole, of several and along a path: their figures are drawn, too."""
 """What can be asked of a problem -> the words; NAME is its name, POSTURE the middle of its joints."""
@@ -102,12 +101,6 @@ def test_a_shipped_problem_is_searched(name: str, server: CommandServer, tmp_pat
     check_problem(server, name, SLOW, tmp_path)
 
 
-@pytest.mark.exhaustive
-@pytest.mark.parametrize("name", OF_EACH_KIND)
-def test_what_is_answered_is_drawn(name: str, server: CommandServer, tmp_path: Path) -> None:
-    check_problem(server, name, DRAWN, tmp_path)
-
-
 def check_data(server: CommandServer, file: str, folder: Path, further: str, whats: Iterable[str] = OF_DATA) -> None:
     data = str(PROBLEMS / file)
     asked = [(name, what) for name in MEASURED[file] for what in whats]
@@ -120,21 +113,13 @@ def check_data(server: CommandServer, file: str, folder: Path, further: str, wha
 
 @pytest.mark.parametrize("file", ["planar_2r_measured.csv"])
 def test_shipped_data_are_answered(file: str, server: CommandServer, tmp_path: Path) -> None:
-    check_data(
-        server, file, tmp_path, "--no-plots", ("calibrate", "diagnose", "diagnose by block", "compensate", "recheck")
-    )
+    check_data(server, file, tmp_path, "--no-plots", ("diagnose by block", "compensate", "recheck"))
 
 
 @pytest.mark.exhaustive
 @pytest.mark.parametrize("file", MEASURED)
 def test_shipped_data_are_answered_by_every_command(file: str, server: CommandServer, tmp_path: Path) -> None:
     check_data(server, file, tmp_path, "--no-plots")
-
-
-@pytest.mark.exhaustive
-@pytest.mark.parametrize("file", ["kuka_iiwa14_sockets.csv", "planar_2r_batch.csv", "ur10_measured.csv"])
-def test_shipped_data_are_drawn(file: str, server: CommandServer, tmp_path: Path) -> None:
-    check_data(server, file, tmp_path, "", ("calibrate", "diagnose"))
 
 
 def test_every_shipped_file_is_asked_about() -> None:

@@ -22,19 +22,18 @@ from posture_opt.model.effects import (
 )
 from posture_opt.model.effects.base.cause import FittedSizes
 from tests.helpers.planar_2r import position
-from tests.helpers.planar_files import PROBLEM, write
+from tests.helpers.planar_files import planar_rows
 
 
 @pytest.fixture(scope="module")
-def found(tmp_path_factory: pytest.TempPathFactory) -> po.Diagnosis:
+def found() -> po.Diagnosis:
     """A wheel of two lines at the first joint, seen by 0.02 mm of noise."""
-    folder = tmp_path_factory.mktemp("wheel")
     rng = np.random.default_rng(12)
     q = rng.uniform(-2.5, 2.5, (200, 2))
     wheel = 1e-4 * np.sin(40 * q[:, 0]) + 2e-4 * np.cos(73 * q[:, 0])
-    write(folder / "data.csv", q, position(q + np.outer(wheel, [1, 0])) + rng.normal(0, 2e-5, q.shape))
-    problem = po.problem_from_dict(PROBLEM)
-    return po.diagnose(problem, po.read_measurements(folder / "data.csv", problem), plan=False)
+    return po.diagnose(
+        *planar_rows(q, position(q + np.outer(wheel, [1, 0])) + rng.normal(0, 2e-5, q.shape)), plan=False
+    )
 
 
 def said(found: po.Diagnosis, *effects: Finding, **changes: Any) -> dict[str, Any]:
@@ -93,7 +92,7 @@ def test_causes_that_predict_unseen_rows_worse_are_not_believed(found: po.Diagno
     assert lines[3].startswith("Do not use")
 
 
-@pytest.mark.parametrize("named", ["geometry", "joint_offset", "link_length", ""])
+@pytest.mark.parametrize("named", ["geometry", "joint_offset", ""])
 def test_a_correction_that_no_arm_is_built_with_leads_however_geometry_is_named(
     found: po.Diagnosis, named: str
 ) -> None:

@@ -31,9 +31,9 @@ def test_the_level_holds_for_an_estimated_sigma(level: float) -> None:
     assert alarms(level, None) > 5 * level
 
 
-@pytest.mark.parametrize("freedom", [12, 60])
-def test_the_level_holds_in_both_tails_of_few_repeats(freedom: int) -> None:
+def test_the_level_holds_in_both_tails_of_few_repeats() -> None:
     # The logarithm of a variance has its longer tail below: as if it were Gaussian, 12 repeats alarm 8 times too often.
+    freedom = 12
     seen = np.random.default_rng(6).chisquare(freedom, DRAWS) / freedom
     wrong = np.array([score_stated_sigma(float(v), freedom, 0.0).p_value < 0.02 for v in seen])
     for side in (seen < 1, seen > 1):
@@ -69,7 +69,7 @@ def with_a_wrong_reading(found: NoiseSample) -> NoiseSample:
     return replace(found, e=e)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_wrong_reading_is_no_scatter_of_a_joint(seed: int) -> None:
     rng = np.random.default_rng(seed)
     everything = sample(rng, ROWS, JOINT)
@@ -78,7 +78,7 @@ def test_a_wrong_reading_is_no_scatter_of_a_joint(seed: int) -> None:
     assert [one.effect.target for one in uneven] == ["joint1"]
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_scatter_at_all_postures_is(seed: int) -> None:
     rng = np.random.default_rng(seed)
     named, _ = find_uneven_noise(sample(rng, ROWS, JOINT), repeats(rng, JOINT), seed)

@@ -36,7 +36,7 @@ def loaded(case: Draw, folder: Path) -> tuple[Any, Any]:
 
 @pytest.mark.parametrize(
     ("seed", "family", "rows", "ratio"),
-    conformance([(501, "kr16", 40, -1.0), (502, "kr16", 150, 1.0), (503, "full", 80, -1.0)], []),
+    conformance([(501, "kr16", 40, -1.0), (503, "full", 80, -1.0)], []),
 )
 def test_a_coupling_left_in_the_data_is_found(seed: int, family: str, rows: int, ratio: float, tmp_path: Path) -> None:
     case = coupled(thinned(draw(seed, family, kind="joint_compliance", weakest=400.0), rows), ratio)
@@ -61,25 +61,14 @@ def test_a_coupling_left_in_the_data_is_found(seed: int, family: str, rows: int,
     assert again.nominal.rms < 2 * case.truth["noise_rms"]
 
 
-@pytest.mark.parametrize("seed", conformance([521, 522], [521]))
-def test_a_base_that_is_off_beside_a_coupling_is_named_too(seed: int, tmp_path: Path) -> None:
-    case = next(c for i in range(20) if not (c := draw(seed, "kr16", i)).free)
+@pytest.mark.long
+def test_a_base_that_is_off_beside_a_coupling_is_named_too(tmp_path: Path) -> None:
+    case = next(c for i in range(20) if not (c := draw(521, "kr16", i)).free)
     base = np.array([f.value for f in case.nominal.base]) + np.array([5e-3, -4e-3, 0, 0, 0, 0])
     tool = np.array([f.value for f in case.nominal.tool])
     case = coupled(replace(case, nominal=case.nominal.with_frames(base, tool)), -1.0)
     found = po.calibrate(*loaded(case, tmp_path), plan=False)
     assert [c.cause.kind for c in found.contradictions] == ["joint_coupling", "base_frame"]
-
-
-def test_geometry_that_no_part_has_is_said_before_the_answer(tmp_path: Path) -> None:
-    """A zero off by 20 degrees."""
-    case = next(c for i in range(20) if (c := draw(531, "clean", i)).free and c.nominal.name == "ur10")
-    q = case.session.q.copy()
-    q[:, 3] += np.radians(20)
-    problem, data = loaded(replace(case, session=replace(case.session, q=q)), tmp_path)
-    found = po.calibrate(problem, data, plan=False)
-    assert list(found.implausible) == ["joint4.theta"]
-    assert "calibration.implausible-deviation" in {s["id"] for s in found.to_json()["statements"]}
 
 
 @pytest.mark.long

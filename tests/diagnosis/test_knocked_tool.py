@@ -13,7 +13,6 @@ import posture_opt as po
 from posture_opt.model.arm_state import Inputs
 from posture_opt.model.effects.slip import Slip
 from tests.helpers.simulated_session import SimulatedSession, beyond_geometry
-from tests.helpers.variants import conformance
 from tests.hidden.effects import Effect
 
 FIRST = 70  # row from which on the tool is elsewhere
@@ -29,30 +28,6 @@ def vector(case: SimulatedSession, length: float) -> np.ndarray:
 
 def from_first(case: SimulatedSession, target: str, size: dict[str, float]) -> Effect:
     return Effect("slip", target, size, {"t0": float(case.session.time[FIRST])})
-
-
-@pytest.mark.parametrize(
-    ("seed", "kind", "free"),
-    conformance(
-        [(s, k, f) for s in (101, 102) for k in ("ur10", "kr16") for f in (True, False)], [(101, "kr16", True)]
-    ),
-)
-def test_a_knocked_tool_is_named_with_its_shift_and_moment(seed: int, kind: str, free: bool) -> None:
-    case = SimulatedSession(seed, kind)
-    knock = vector(case, KNOCK)
-    points = case.points(from_first(case, "tool", dict(zip("xyz", knock, strict=True))))
-    found = case.diagnosis(case.table(points), free=free)
-    assert found.verdict == "effects_found"
-    assert beyond_geometry(found) == [("slip", "tool")]
-    (slip,) = [f for f in found.effects if f.kind == "slip"]
-    for axis, true in zip("xyz", knock, strict=True):
-        value, std, _ = slip.estimate[axis]
-        assert abs(value - true) < 4 * std
-        assert std < 0.1 * KNOCK  # what the choice of the effects adds is in it
-    assert case.session.time[FIRST - 1] < slip.estimate["moment"][0] <= case.session.time[FIRST]
-    # It belongs to the session: the arm is delivered with the tool as it was on average.
-    assert not [e for e in found.extended.to_dict().get("effects", []) if e["kind"] == "slip"]
-    assert "the tool or its reflector was knocked out of place" in found.report()
 
 
 @pytest.mark.long

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ from scipy.optimize import least_squares
 import posture_opt as po
 from posture_opt.calibration.estimation.error_statistics import folds_of, groups_of
 from tests.helpers.planar_2r import position
-from tests.helpers.planar_files import PROBLEM, write
+from tests.helpers.planar_files import planar_rows
 
 NOISE = 5e-5  # m
 OFFSETS, LENGTHS, FIRST, SECOND = (0, 1), (2, 3), (4, 5), (6, 7)
@@ -40,20 +39,18 @@ def held_out_rms(q: np.ndarray, measured: np.ndarray, folds: Sequence[np.ndarray
     return float(np.sqrt(np.mean(np.sum(errors**2, axis=1))))
 
 
-def measured(folder: Path, z: np.ndarray) -> tuple[po.Problem, po.Measurements, list[np.ndarray]]:
+def measured(z: np.ndarray) -> tuple[po.Problem, po.Measurements, list[np.ndarray]]:
     """90 rows, and five folds of them."""
     rng = np.random.default_rng(11)
     q = rng.uniform(-2.5, 2.5, (90, 2))
-    write(folder / "data.csv", q, points(q, z) + rng.normal(0, NOISE, q.shape))
-    problem = po.problem_from_dict(PROBLEM)
-    data = po.read_measurements(folder / "data.csv", problem)
+    problem, data = planar_rows(q, points(q, z) + rng.normal(0, NOISE, q.shape))
     return problem, data, list(folds_of(groups_of(data, "pose", 5), 5, "pose"))
 
 
-def test_an_effect_gains_what_refitting_everything_else_loses(tmp_path: Path) -> None:
+def test_an_effect_gains_what_refitting_everything_else_loses() -> None:
     """Two gears whose sines lean on offsets and lengths."""
     truth = np.array([1e-4, -2e-4, 3e-4, -1e-4, 4e-4, 2e-4, 1e-4, -3e-4])
-    problem, data, folds = measured(tmp_path, truth)
+    problem, data, folds = measured(truth)
     found = po.diagnose(problem, data, flips=49, plan=False)
     gains = {finding.target: finding.gain for finding in found.effects if finding.kind == "gear_eccentricity"}
     seen = np.asarray(data.position)[:, :2]
@@ -63,9 +60,9 @@ def test_an_effect_gains_what_refitting_everything_else_loses(tmp_path: Path) ->
         assert gains[joint] == pytest.approx(expected, abs=1e-3)
 
 
-def test_every_geometric_cause_has_a_gain_of_its_own(tmp_path: Path) -> None:
+def test_every_geometric_cause_has_a_gain_of_its_own() -> None:
     """Two lengths off by very different amounts: one calibration, two gains."""
-    problem, data, folds = measured(tmp_path, np.array([0, 0, 4e-4, -0.8e-4, 0, 0, 0, 0]))
+    problem, data, folds = measured(np.array([0, 0, 4e-4, -0.8e-4, 0, 0, 0, 0]))
     found = po.diagnose(problem, data, flips=49, plan=False)
     gains = {finding.target: finding.gain for finding in found.effects}
     seen = np.asarray(data.position)[:, :2]

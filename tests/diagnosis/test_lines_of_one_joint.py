@@ -12,23 +12,18 @@ from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.diagnosis import diagnose as stages
 from posture_opt.model.effects import CyclicError
 from tests.helpers.planar_2r import position
-from tests.helpers.planar_files import PROBLEM, write
+from tests.helpers.planar_files import planar_rows
 from tests.helpers.same_problem import assert_same_numbers, written
 
 NOISE = 2e-5  # m
 
 
-def measured(folder: Path, q: np.ndarray, error: np.ndarray, rng: np.random.Generator) -> po.Measurements:
-    write(folder / "data.csv", q, position(q + error) + rng.normal(0, NOISE, q.shape))
-    return po.read_measurements(folder / "data.csv", po.problem_from_dict(PROBLEM))
-
-
-def test_lines_of_one_joint_are_one_cause_led_by_the_largest(tmp_path: Path) -> None:
+def test_lines_of_one_joint_are_one_cause_led_by_the_largest() -> None:
     rng = np.random.default_rng(73)
     q = rng.uniform(-2.5, 2.5, (200, 2))
     wheel = sum(a * np.sin(n * 40 * q[:, 0] + n) for n, a in ((1, 2e-4), (2, 1.5e-4), (4, 1e-4)))
-    data = measured(tmp_path, q, np.stack([wheel, 0 * wheel], axis=1), rng)
-    found = po.diagnose(po.problem_from_dict(PROBLEM), data, plan=False)
+    points = position(q + np.stack([wheel, 0 * wheel], axis=1)) + rng.normal(0, NOISE, q.shape)
+    found = po.diagnose(*planar_rows(q, points), plan=False)
     (gear,) = [f for f in found.effects if f.kind == "cyclic_error"]
     assert gear.effect.cycles == pytest.approx(40, abs=0.1)
     assert "of 3 lines (40.0, 80.0 and 160.0 cycles per revolution)" in gear.cause.words
@@ -62,18 +57,15 @@ def open_slow_line(model: Fit, *_: object) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def found(tmp_path_factory: pytest.TempPathFactory) -> po.Diagnosis:
+def found() -> po.Diagnosis:
     """Three lines of joint1, the slow one the largest: sure within the model, and open by the choices of the folds."""
-    folder: Path = tmp_path_factory.mktemp("lines")
     rng = np.random.default_rng(2)
     q = rng.uniform((-0.9, -2.5), (0.9, 2.5), (140, 2))
     turn = sum(a * np.sin(k * q[:, 0] + k) for k, a in ((SLOW, 3e-4), (FAST, 1.5e-4), (FASTER, 2e-4)))
-    write(folder / "data.csv", q, position(q + np.outer(turn, [1, 0])) + rng.normal(0, NOISE, q.shape))
-    problem = po.problem_from_dict(PROBLEM)
-    data = po.read_measurements(folder / "data.csv", problem)
+    rows = planar_rows(q, position(q + np.outer(turn, [1, 0])) + rng.normal(0, NOISE, q.shape))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(stages, "choice_deviations", open_slow_line)
-        return po.diagnose(problem, data, flips=99, plan=False)
+        return po.diagnose(*rows, flips=99, plan=False)
 
 
 def test_the_sure_lines_have_their_size_and_the_open_one_has_none(found: po.Diagnosis) -> None:

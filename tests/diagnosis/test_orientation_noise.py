@@ -43,9 +43,7 @@ def diagnosis(
     return case.diagnosis(table | dict(zip(("qw", "qx", "qy", "qz"), turned.T, strict=True)), document)
 
 
-@pytest.mark.parametrize(
-    ("seed", "factor"), conformance([(s, f) for s in range(302, 306) for f in (0.3, 1.5, 5.0)], [(302, 5.0)])
-)
+@pytest.mark.parametrize(("seed", "factor"), conformance([(302, 5.0), (303, 0.3), (304, 1.5)], [(302, 5.0)]))
 def test_wrong_noise_of_orientations_is_named_and_hides_no_eccentricity(seed: int, factor: float) -> None:
     found = diagnosis(seed, factor, eccentricity=ECCENTRICITY)
     assert beyond_geometry(found) == [("gear_eccentricity", "joint2"), ("stated_sigma", "orientation")]
@@ -53,19 +51,17 @@ def test_wrong_noise_of_orientations_is_named_and_hides_no_eccentricity(seed: in
     value, std, _ = noise.estimate["factor"]
     assert abs(value - factor) < 4 * std
     assert "orientation" in noise.cause.words
-    assert noise.noise is not None
     assert noise.noise.to_dict()["quantity"] == "orientation"
     # Positions and orientations were weighed as they scatter.
     assert found.calibration.residuals.further["orientation"] == pytest.approx(factor * ORIENTATION, rel=0.5)
 
 
-@pytest.mark.parametrize("seed", conformance(range(311, 317), []))
+@pytest.mark.parametrize("seed", conformance([311, 312], []))
 def test_orientations_that_scatter_as_stated_raise_no_alarm(seed: int) -> None:
     assert not [f for f in diagnosis(seed, 1.0).effects if f.noise is not None]
 
 
-@pytest.mark.parametrize("seed", conformance(range(321, 325), []))
-@pytest.mark.parametrize("joint", ["joint4", "joint6"])
+@pytest.mark.parametrize(("seed", "joint"), conformance([(321, "joint4"), (322, "joint6")], []))
 def test_a_wrist_that_scatters_is_named_by_its_orientations(seed: int, joint: str) -> None:
     assert beyond_geometry(diagnosis(seed, 1.0, noisy=joint)) == [("joint_noise", joint)]
 

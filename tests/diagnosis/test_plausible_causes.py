@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cache
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -12,21 +9,17 @@ import pytest
 
 import posture_opt as po
 from tests.helpers.planar_2r import position
-from tests.helpers.planar_files import PROBLEM, write
+from tests.helpers.planar_files import planar_rows
 
 
-@cache
 def diagnosed(expansion: float) -> po.Diagnosis:
     """An arm whose first link expands by so much a kelvin."""
     rng = np.random.default_rng(3)
     q = rng.uniform(-2.5, 2.5, (80, 2))
     warm = rng.uniform(15, 30, len(q))
     points = position(q, (1 + expansion * (warm - 20), 1.0))
-    with TemporaryDirectory() as folder:
-        file = Path(folder) / "data.csv"
-        write(file, q, points + rng.normal(0, 2e-5, points.shape), temperature=("degC", warm))
-        problem = po.problem_from_dict(PROBLEM)
-        return po.diagnose(problem, po.read_measurements(file, problem), flips=99, plan=False)
+    rows = planar_rows(q, points + rng.normal(0, 2e-5, points.shape), temperature=("degC", warm))
+    return po.diagnose(*rows, flips=99, plan=False)
 
 
 def entry(found: po.Diagnosis) -> dict[str, Any]:

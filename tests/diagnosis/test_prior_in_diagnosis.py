@@ -9,13 +9,10 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.calibration.estimation.fit import Fit
-from posture_opt.diagnosis.scores.candidates import linearise_calibration
 
 LENGTHS = (0.5, 0.4)
 INSTRUMENT = 1e-4  # m
 STATED = {"joint1.theta": 1e-4, "joint2.theta": 1e-4, "joint1.a": 5e-5, "joint2.a": 5e-5}  # rad, m
-ROWS = 14
 
 
 def arm(q: np.ndarray, off: np.ndarray) -> np.ndarray:
@@ -37,40 +34,7 @@ def problem(stated: bool) -> po.Problem:
     })  # fmt: skip
 
 
-def calibrated(seed: int, stated: bool = True) -> tuple[po.Calibration, np.ndarray]:
-    """A calibration from few rows in a corner of the workspace, and how far off the arm truly is (4,)."""
-    rng = np.random.default_rng(seed)
-    q = np.stack([rng.uniform(0.2, 0.5, ROWS), rng.uniform(0.2, 0.6, ROWS)], axis=1)
-    off = rng.normal(0, list(STATED.values()))
-    p = arm(q, off) + rng.normal(0, INSTRUMENT, (ROWS, 2))
-    given = problem(stated)
-    table = {"joint1 [rad]": q[:, 0], "joint2 [rad]": q[:, 1], "x [m]": p[:, 0], "y [m]": p[:, 1]}
-    return po.calibrate(given, po.read_measurements(table, given)), off
-
-
-def elsewhere(model: Fit, off: np.ndarray) -> float:
-    """RMS error [m] over the whole workspace."""
-    names = [p.name for p in model.residuals.parameters]
-    q = np.random.default_rng(0).uniform(-2.5, 2.5, (400, 2))
-    error = arm(q, model.x[[names.index(name) for name in STATED]]) - arm(q, off)
-    return float(np.sqrt(np.mean(np.sum(error**2, axis=1))))
-
-
-def test_what_is_stated_of_the_geometry_keeps_the_diagnosed_arm_right_where_nothing_was_measured() -> None:
-    errors, nominal = [], []
-    for seed in range(8):
-        calibration, off = calibrated(seed)
-        model = calibration.fit_effects(linearise_calibration(calibration, flips=0).sensitivities.residuals, [])
-        # The same rows, the same prior, the same weight: the same arm.
-        np.testing.assert_allclose(model.x, calibration.x, atol=2e-6)
-        np.testing.assert_allclose(np.diag(model.covariance), np.diag(calibration.covariance), rtol=0.05, atol=1e-14)
-        errors.append(elsewhere(model, off))
-        nominal.append(elsewhere(replace(model, x=0 * model.x), off))
-    # By the data alone 0.34 mm on average, nominal 0.10 mm.
-    assert np.mean(errors) < 0.7 * np.mean(nominal)
-
-
-@pytest.mark.parametrize(("times", "instrument"), [(1.0, True), (20.0, True), (20.0, False)])
+@pytest.mark.parametrize(("times", "instrument"), [(1.0, True), (20.0, False)])
 def test_wrong_sigmas_do_not_hide_behind_a_large_effect(times: float, instrument: bool) -> None:
     """Joint zeros that are off by 20 of their σ, beside an eccentric gear that moves the tool ten times as far."""
     given = problem(stated=True)

@@ -44,13 +44,11 @@ def loaded(case: Draw, folder: Path) -> tuple[Any, Any]:
     ("seed", "family", "kind", "off"),
     conformance(
         CASES := [
-            (401, "full", "joint_compliance", {"base": (1.4, -1.2, 0.8)}),
             (402, "kr16", "gear_eccentricity", {"base": (-4, 2, 3), "turn": (1, 1, -1)}),
-            (403, "planar", "backlash", {"base": (2, 1, 0)}),
             (404, "planar", "joint_compliance", {"base": (-6, 7, 0), "turn": (2, 0, 0)}),
             (405, "scara", "gear_eccentricity", {"base": (3, -5, 1)}),
         ],
-        always=CASES[4:],
+        always=CASES[2:],
     ),
 )
 def test_a_base_that_is_off_is_named_and_what_is_hidden_beside_it_is_found(
@@ -85,21 +83,17 @@ FAMILIES = ("full", "kr16", "planar", "scara", "seven", "clean", "outside", "geo
 
 @pytest.mark.parametrize(
     ("family", "seed"),
-    conformance(
-        product(FAMILIES, range(421, 425)),
-        [("planar", 422), ("scara", 423), ("clean", 422)],
-    ),
+    conformance(product(FAMILIES, (422,)), [("scara", 422)]),
 )
 def test_right_frames_are_not_named_whatever_is_hidden(family: str, seed: int, tmp_path: Path) -> None:
     case = stated_draw(seed, family, weakest=100.0)
     assert not po.calibrate(*loaded(case, tmp_path)).contradictions
 
 
-@pytest.mark.parametrize(("seed", "name"), conformance([(431, "j2.theta"), (432, "j4.theta")], [(431, "j2.theta")]))
-def test_a_sigma_that_the_data_refute_is_set_aside(seed: int, name: str) -> None:
+def test_a_sigma_that_the_data_refute_is_set_aside() -> None:
     """A zero stated to 5 µrad and 8 mrad off; the others are right."""
-    rng = np.random.default_rng(seed)
-    base, tool, off = np.eye(4), TOOL, 8e-3
+    rng = np.random.default_rng(431)
+    base, tool, off, name = np.eye(4), TOOL, 8e-3, "j2.theta"
     sigma = {f"{joint}.theta": "5 urad" for joint, *_ in SIX}
     frames = {"base": None, "tool": {"xyz": [f"{v} m" for v in tool[:3, 3]]}}
     problem = problem_of(SIX, robot=frames, uncertainty={"measurement": {"position": "0.02 mm"}, "sigma": sigma})
@@ -119,7 +113,7 @@ def test_a_sigma_that_the_data_refute_is_set_aside(seed: int, name: str) -> None
 
 
 @long_on_real_arms
-@pytest.mark.parametrize("off", conformance([0.0, 2.0, 5.0], [0.0, 2.0]))
+@pytest.mark.parametrize("off", [0.0, 2.0])
 def test_the_base_of_a_measured_arm_is_named_where_it_is_off(off: float) -> None:
     """The frames of a UR5 as its calibration found them, and the base stated some millimetres beside that."""
     free = po.load_problem(DATA / "jacobi_ur5" / "problem.yaml")

@@ -24,6 +24,13 @@ def noisy(tmp_path_factory: pytest.TempPathFactory) -> po.Diagnosis:
     return diagnosed(tmp_path_factory.mktemp("noisy"), visits=4)
 
 
+@pytest.fixture(scope="module")
+def once(tmp_path_factory: pytest.TempPathFactory) -> tuple[po.Diagnosis, Path]:
+    """Of an arm whose postures were measured once, and the folder of its data."""
+    folder = tmp_path_factory.mktemp("once")
+    return diagnosed(folder, visits=1), folder
+
+
 def diagnosed(folder: Path, visits: int) -> po.Diagnosis:
     """Of 120 rows, each posture measured so often."""
     rng = np.random.default_rng(3)
@@ -53,8 +60,8 @@ def test_the_scatter_of_a_named_joint_is_that_of_repeats(noisy: po.Diagnosis) ->
     assert "measurement noise" in noisy.report()
 
 
-def test_without_repeats_nothing_is_called_noise_and_repeats_are_asked_for(tmp_path: Path) -> None:
-    found = diagnosed(tmp_path, visits=1)
+def test_without_repeats_nothing_is_called_noise_and_repeats_are_asked_for(once: tuple[po.Diagnosis, Path]) -> None:
+    found, _ = once
     assert found.verdict == "unexplained"
     assert not [f for f in found.effects if f.noise is not None]
     answer = found.to_json()["unexplained"]
@@ -71,9 +78,9 @@ def test_without_repeats_nothing_is_called_noise_and_repeats_are_asked_for(tmp_p
     assert "measurement noise" not in found.report()
 
 
-def test_what_is_to_be_repeated_is_filled_in_and_tells(tmp_path: Path) -> None:
+def test_what_is_to_be_repeated_is_filled_in_and_tells(once: tuple[po.Diagnosis, Path]) -> None:
     """The table of planned repeats, measured by the same arm and put below the data, has the joint named."""
-    found = diagnosed(tmp_path, visits=1)
+    found, folder = once
     planned = split_csv(found).splitlines()
     assert len(planned) == 1 + 25
     rng = np.random.default_rng(5)
@@ -81,9 +88,9 @@ def test_what_is_to_be_repeated_is_filled_in_and_tells(tmp_path: Path) -> None:
     moved = q + np.outer(rng.normal(0, SCATTER, len(q)), [0, 1])
     points = 1e3 * (position(moved, (1.0007, 0.9991)) + rng.normal(0, NOISE, (25, 2)))
     filled = [f"{line.rstrip(' ,')}, {x:.4f}, {y:.4f}" for line, (x, y) in zip(planned[1:], points, strict=True)]
-    problem, (head, *rows) = found.problem, (tmp_path / "data.csv").read_text(encoding="utf-8").splitlines()
+    problem, (head, *rows) = found.problem, (folder / "data.csv").read_text(encoding="utf-8").splitlines()
     assert [cell.strip() for cell in head.split(",")] == [cell.strip() for cell in planned[0].split(",")]
-    (tmp_path / "more.csv").write_text("\n".join([head, *rows, *filled]) + "\n", encoding="utf-8")
-    again = po.diagnose(problem, po.read_measurements(tmp_path / "more.csv", problem))
+    (folder / "more.csv").write_text("\n".join([head, *rows, *filled]) + "\n", encoding="utf-8")
+    again = po.diagnose(problem, po.read_measurements(folder / "more.csv", problem))
     assert again.verdict == "effects_found"
     assert [f.target for f in again.effects if f.kind == "joint_noise"] == ["joint2"]

@@ -200,6 +200,7 @@ def touching(arm: SimulatedArm, points: np.ndarray, rng: np.random.Generator) ->
     return np.asarray((q[np.linalg.norm(off, axis=1) < 1e-6] + np.pi) % (2 * np.pi) - np.pi)
 
 
+@pytest.mark.long
 def test_touched_points_are_given_and_more_touches_planned() -> None:
     rng, problem = np.random.default_rng(5), problem_of(robot={"tool": "free"})
     arm = SimulatedArm(TABLE, tool=TOOL)
@@ -207,7 +208,7 @@ def test_touched_points_are_given_and_more_touches_planned() -> None:
     assert min(len(front), len(back)) > 15
     heads = {f"{row[0]} [rad]": np.concatenate([front, back])[:, i] for i, row in enumerate(TABLE)}
     data = po.read_measurements({**heads, "point": ["front"] * len(front) + ["back"] * len(back)}, problem)
-    plan = plan_few(problem, 12, given=data)
+    plan = plan_few(problem, 12, given=data, candidates=100)
     assert set(plan.places) == {"front", "back"}
     at = [p.name for p in plan.parameters].index("j3.theta")
     assert plan.after.std[at] < plan.before.std[at] < np.inf
@@ -234,9 +235,10 @@ def test_orientations_are_planned_with_where_the_instrument_measures_them() -> N
     plan = plan_few(turned, 12)
     names = [p.name for p in plan.parameters]
     assert "tool.roll" in names
-    assert "tool.roll" not in [p.name for p in plan_of().parameters]
-    at, other = names.index("j5.alpha"), [p.name for p in plan_of().parameters].index("j5.alpha")
-    assert plan.after.std[at] * np.sqrt(12) < plan_of().after.std[other] * np.sqrt(30)  # a posture tells more
+    points = plan_few(problem_of(), 12)
+    assert "tool.roll" not in [p.name for p in points.parameters]
+    at, other = names.index("j5.alpha"), [p.name for p in points.parameters].index("j5.alpha")
+    assert plan.after.std[at] < points.after.std[other]  # a posture tells more
 
 
 def test_what_cannot_be_planned_is_said() -> None:

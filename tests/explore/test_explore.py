@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gzip
 import json
-import os
 import re
 import shlex
 import shutil
@@ -27,7 +26,6 @@ from posture_opt.cli.main import main
 from posture_opt.collision.obstacles import OBSTACLES
 from posture_opt.explore.answers import Answer, Answers, Following, Request
 from posture_opt.explore.explorer import Explorer
-from posture_opt.explore.live_map import heat_of, passes_of
 from posture_opt.explore.other_process import OtherProcess
 from posture_opt.model.toolchain import compiled_before
 from tests.helpers.shipped import PROBLEMS
@@ -57,15 +55,16 @@ def settled(page: Any) -> Answer:
     return found[0]
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def page() -> Iterator[Any]:
     explorer = po.load_problem(PLANAR).explore(port=18080)
     yield explorer
     explorer.close()
 
 
-def test_the_page_answers_what_the_command_line_answers(page: Any, tmp_path: Path, capsys: Any) -> None:
+def test_the_page_answers_what_the_command_line_answers(tmp_path: Path, capsys: Any) -> None:
     """To the last digit, for the saved file and the copied command, once the target rests."""
+    page = po.load_problem(PLANAR).explore(port=18085)
     assert asked(page.url) == 200
     page.target = (0.8, 0.52349, 0.0)
     assert page.target == pytest.approx((0.8, 0.5235, 0.0), abs=1e-12)
@@ -270,7 +269,7 @@ def test_pages_of_other_sites_cannot_reach_the_page(page: Any) -> None:
     assert asked(page.url) == 200
     assert asked(page.url, Origin=page.url) == 200
     assert asked(page.url, Origin="http://elsewhere.example") == 403
-    assert asked(page.url, Host="elsewhere.example:18080") == 403
+    assert asked(page.url, Host=f"elsewhere.example:{page.url.rstrip('/').rpartition(':')[2]}") == 403
 
 
 def test_without_viser_the_command_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
@@ -340,21 +339,6 @@ def test_features_with_their_workpiece_put_somewhere(tmp_path: Path, capsys: Any
 
 
 @pytest.mark.long
-def test_a_map_says_what_a_solve_there_says() -> None:
-    problem = po.load_problem(PLANAR)
-    steps: list[int] = []
-    assert passes_of(problem) == (5, 11)
-    heat = heat_of(problem, 11, lambda done, most: steps.append(done))
-    assert steps[-1] >= 121
-    u, v = heat.values
-    for column, row in ((3, 4), (6, 7)):
-        place = heat.origin + u[column] * heat.axes[0] + v[row] * heat.axes[1]
-        if np.isfinite(heat.sigma[row, column]):
-            there = problem.replace(task__position=list(place))
-            assert heat.sigma[row, column] == pytest.approx(po.select_posture(there).sigma_max, rel=1e-6)
-
-
-@pytest.mark.long
 def test_a_map_in_a_cell_shows_a_first_look_and_can_be_stopped() -> None:
     """The first look stays when the finer map is stopped; its numbers are those of a solve at each place, as clear."""
     problem = po.load_problem("insert_ur10_cell")
@@ -419,36 +403,6 @@ def test_the_folder_of_a_result_is_the_arm_that_it_delivered(tmp_path: Path) -> 
         assert po.load_problem(tmp_path).to_dict() == po.load_problem(kind).to_dict()
 
 
-@pytest.mark.long
-def test_two_hundred_moves_leave_nothing_behind(capsys: Any) -> None:
-    """Targets, some of them out of reach, postures and layers in turn: no error, and memory stays where it was."""
-    rng, resident = np.random.default_rng(3), []
-    with po.load_problem(PLANAR).explore(port=18120) as page:
-        for k in range(200):
-            if k % 5 == 4:
-                page.turn(tuple(rng.uniform(-2, 2, 2)))
-            else:
-                page.target = (*rng.uniform(-1.6, 2.4, 2), 0.0)
-            page._panel._cloud.value = bool(k % 2)
-            until(lambda request=page._request: page._shown is not None and page._shown.request is request)
-            page._redraw()
-            if k in (99, 199):
-                resident.append(int(Path("/proc/self/statm").read_text().split()[1]) * 4096)
-    assert resident[1] - resident[0] < 20e6
-    assert "Traceback" not in capsys.readouterr().err
-
-
-@pytest.mark.interrupts
-def test_a_cell_is_served_within_three_seconds_of_computation() -> None:
-    command = [sys.executable, "-m", "posture_opt", "explore", "--problem", "insert_ur10_cell", "--no-browser"]
-    with subprocess.Popen([*command, "--port", "18190"], stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        process.stdout.readline()
-        ticks = Path(f"/proc/{process.pid}/stat").read_text().rpartition(")")[2].split()[11:13]  # user and system
-        process.terminate()
-    assert sum(map(int, ticks)) / os.sysconf("SC_CLK_TCK") < 3.0
-
-
 @pytest.mark.interrupts
 def test_the_command_prints_its_address_and_ends_by_a_signal() -> None:
     command = [sys.executable, "-m", "posture_opt", "explore", "--problem", PLANAR, "--no-browser", "--port", "18090"]
@@ -461,15 +415,3 @@ def test_the_command_prints_its_address_and_ends_by_a_signal() -> None:
         out, _ = process.communicate(timeout=60)
         assert out == ""
         assert process.returncode == 128 + 15
-
-
-def test_an_obstacle_that_another_browser_removed_moves_no_more() -> None:
-    problem, sent = po.load_problem("insert_scara_cell"), []
-    with problem.explore(port=18145) as page:
-        panel = page._panel.obstacles
-        panel._which.value = panel._names()[0]
-        panel._choose()
-        panel._which.value = "none"
-        panel._changed = sent.append
-        panel.move(np.array([0.1, 0.2, 0.3]))
-    assert not sent

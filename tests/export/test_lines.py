@@ -98,9 +98,8 @@ def test_the_tool_data_is_that_of_the_problem() -> None:
 
 
 @pytest.mark.parametrize(("robot", "kind", "warned"), [
-    ("ur10e", "krl", "KUKA"), ("ur10e", "rapid", "ABB"), ("ur10e", "urscript", ""), ("ur10e", "jointstate", ""),
-    ("kr6_r900", "krl", ""), ("irb120", "rapid", ""), ("irb120", "urscript", "Universal Robots"),
-    ("planar_2r", "krl", ""),
+    ("ur10e", "krl", "KUKA"), ("ur10e", "rapid", "ABB"), ("ur10e", "jointstate", ""), ("kr6_r900", "krl", ""),
+    ("irb120", "urscript", "Universal Robots"), ("planar_2r", "krl", ""),
 ])  # fmt: skip
 def test_another_makers_arm_is_noticed(robot: str, kind: str, warned: str) -> None:
     problem = po.problem_from_dict({"robot": {"kind": "preset", "name": robot}})

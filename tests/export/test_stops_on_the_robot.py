@@ -46,33 +46,31 @@ def test_each_feature_is_entered_and_left_along_its_own_direction() -> None:
 
 RAIL = [
     {"name": "rail", "type": "prismatic", "limits": ["0 m", "2 m"]},
-    {"name": "a1", "a": "25 mm", "alpha": "-90 deg", "d": "400 mm"},
-    {"name": "a2", "a": "455 mm"},
+    {"name": "a1", "a": "25 mm", "alpha": "-90 deg", "d": "400 mm"}, {"name": "a2", "a": "455 mm"},
     {"name": "a3", "a": "35 mm", "alpha": "-90 deg", "theta": "-90 deg"},
-    {"name": "a4", "alpha": "90 deg", "d": "420 mm"},
-    {"name": "a5", "alpha": "-90 deg"},
-    {"name": "a6", "d": "80 mm"},
-]
+    {"name": "a4", "alpha": "90 deg", "d": "420 mm"}, {"name": "a5", "alpha": "-90 deg"}, {"name": "a6", "d": "80 mm"},
+]  # fmt: skip
 
 
-@pytest.mark.parametrize("kind", ["krl", "rapid"])
-def test_a_rail_in_front_of_six_axes_is_an_external_one(kind: str) -> None:
+def test_a_rail_in_front_of_six_axes_is_an_external_one() -> None:
     base = {"xyz": ["0 m", "0 m", "0.5 m"], "rpy": ["0 deg", "90 deg", "0 deg"]}
     task = {"kind": "insert", "position": ["1.2 m", "0.3 m", "0.4 m"]}
     problem, answer = answered(robot={"kind": "dh", "joints": RAIL, "base": base, "tool": TOOL}, task=task)
-    exported = program_files(answer_program(problem, answer, MotionRequest(approach=0.0)), kind, "")
-    text = "".join(dict(exported.files).values())
-    if kind == "krl":
-        axes = re.search(r"A1 ([-\d.]+), .*A6 ([-\d.]+), E1 ([-\d.]+)", text)
-    else:
-        axes = re.search(r"\[\[([-\d.]+), .*?, ([-\d.]+)\], \[([-\d.]+), ", text)
-    assert axes is not None
-    first, last, rail = map(float, axes.groups())
-    assert np.radians([first, last]) == pytest.approx(answer.q[[1, 6]], abs=1e-5)
-    assert rail == pytest.approx(1e3 * answer.q[0], abs=1e-2)
-    assert any("External axes, in this order: rail." in note for note in exported.notes)
+    written = {
+        "krl": r"A1 ([-\d.]+), .*A6 ([-\d.]+), E1 ([-\d.]+)",
+        "rapid": r"\[\[([-\d.]+), .*?, ([-\d.]+)\], \[([-\d.]+), ",
+    }
+    for kind, axes in written.items():
+        exported = program_files(answer_program(problem, answer, MotionRequest(approach=0.0)), kind, "")
+        found = re.search(axes, "".join(dict(exported.files).values()))
+        assert found is not None
+        first, last, rail = map(float, found.groups())
+        assert np.radians([first, last]) == pytest.approx(answer.q[[1, 6]], abs=1e-5)
+        assert rail == pytest.approx(1e3 * answer.q[0], abs=1e-2)
+        assert any("External axes, in this order: rail." in note for note in exported.notes)
 
 
+@pytest.mark.long
 def test_the_load_is_that_of_the_task_and_plunges_are_slow() -> None:
     task = {"kind": "insert", "position": ["0.6 m", "0.2 m", "0.2 m"], "payload": "5 kg"}
     problem, answer = answered(robot=UR10, task=task)

@@ -14,20 +14,12 @@ from tests.fuzz.values import WORDS, number_text, size, word
 from tests.helpers.known_words import CommandLine, Option, Value, every_command_line
 
 _FILES: dict[str, Entry] = {
-    "folder": Folder(),
-    "link": Link("nowhere"),
-    "loop": Link("loop"),
-    "pipe": Pipe(),
-    "null": Link("/dev/null"),
-    "zero": Link("/dev/zero"),
-    "empty": b"",
-    "blank.yaml": b"\n",
-    "nul.csv": b"a\x00b",
+    "folder": Folder(), "link": Link("nowhere"), "loop": Link("loop"), "pipe": Pipe(), "null": Link("/dev/null"),
+    "zero": Link("/dev/zero"), "empty": b"", "blank.yaml": b"\n", "nul.csv": b"a\x00b",
     "p.yaml": b"robot: {kind: preset, name: planar_2r}\nuncertainty: {sigma: {joint1.theta: 1 mrad}}\n",
-    "name\nof two lines.yaml": b"robot: {kind: preset, name: planar_2r}\n",
-    "-x.csv": b"x [mm]\n1\n",
+    "name\nof two lines.yaml": b"robot: {kind: preset, name: planar_2r}\n", "-x.csv": b"x [mm]\n1\n",
     "\x1b[31mred.yaml": b"robot: {kind: preset}\n",
-}
+}  # fmt: skip
 _TABLES = ("planar_2r_measured.csv", "planar_2r_batch.csv", "bench_arm.urdf")
 _PLACES = (
     *_FILES, *_TABLES, "nothing.yaml", "nothing/deep/x", "", " ", ".", "..", "/dev/null", "/dev/zero",

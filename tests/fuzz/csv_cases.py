@@ -197,16 +197,10 @@ def _row(rng: random.Random, table: Table) -> None:
     row = table.rows[at]
     table.rows[at : at + 1] = rng.choice(
         (
-            [row[:-1]],
-            [[*row, "1"]],
-            [[]],
-            [[""] * len(row)],
-            [row, list(row)],
-            [list(table.heads), row],
-            [[word(rng)]],
-            [],
+            [row[:-1]], [[*row, "1"]], [[]], [[""] * len(row)], [row, list(row)], [list(table.heads), row],
+            [[word(rng)]], [],
         )
-    )
+    )  # fmt: skip
 
 
 def _constant(rng: random.Random, table: Table) -> None:

@@ -17,17 +17,10 @@ from tests.fuzz.urdf_cases import urdf_case
 from tests.fuzz.yaml_cases import yaml_case
 
 MAKERS: dict[str, Callable[[random.Random, int], Case]] = {
-    "yaml": yaml_case,
-    "csv": csv_case,
-    "urdf": urdf_case,
-    "cli": cli_case,
-    "calibrate": calibrate_case,
-    "diagnose": diagnose_case,
-    "schema": schema_case,
-    "instrument": instrument_case,
-    "batch": batch_case,
+    "yaml": yaml_case, "csv": csv_case, "urdf": urdf_case, "cli": cli_case, "calibrate": calibrate_case,
+    "diagnose": diagnose_case, "schema": schema_case, "instrument": instrument_case, "batch": batch_case,
     "relation": relation_case,
-}
+}  # fmt: skip
 COUNTS = {"yaml": 2000, "csv": 1000, "urdf": 500, "cli": 300, "calibrate": 20, "diagnose": 20, "schema": 1400,
           "instrument": 250, "batch": 60, "relation": 300}  # fmt: skip
 

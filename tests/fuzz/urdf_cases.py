@@ -157,17 +157,10 @@ def _foreign(rng: random.Random, robot: ET.Element) -> None:
     at = rng.choice(list(robot.iter()))
     tag = rng.choice(
         (
-            "gazebo",
-            "transmission",
-            "xacro:macro",
-            "collision",
-            "visual",
-            "safety_controller",
-            "dynamics",
-            "link",
+            "gazebo", "transmission", "xacro:macro", "collision", "visual", "safety_controller", "dynamics", "link",
             "joint",
         )
-    )
+    )  # fmt: skip
     element = ET.SubElement(at, tag.replace(":", "_"))
     if tag == "collision":
         shape = rng.choice(("box", "cylinder", "sphere", "mesh", "cone"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
@@ -69,3 +70,10 @@ def pair_problem(folder: Path, tool: dict[str, object], second: dict[str, object
         },
         folder=folder,
     )
+
+
+def ur10_problem(measurement: dict[str, str], tool: Any = None, data: Any = None, **robot: Any) -> po.Problem:
+    """Of the preset with a tool about where that of the simulated arms is, which is to be found."""
+    held = {"kind": "preset", "name": "ur10", "tool": tool or tool_at("30 mm", "-20 mm", "120 mm"), **robot}
+    more = {"data": data} if data else {}
+    return po.problem_from_dict({"robot": held, "uncertainty": {"measurement": measurement}, **more})

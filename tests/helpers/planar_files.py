@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+import posture_opt as po
+
 HEAD = "joint1 [deg], joint2 [deg], x [mm], y [mm]"
 PLANAR = """
 name: Planar arm
@@ -36,3 +38,11 @@ def write(file, q, points, **more):
     head = ", ".join([HEAD, *(f"{name} [{unit}]" for name, (unit, _) in more.items())])
     columns = [np.degrees(q), 1e3 * points, *(values for _, values in more.values())]
     np.savetxt(file, np.column_stack(columns), fmt="%.9f", delimiter=",", header=head, comments="")
+
+
+def planar_rows(q, points, problem=PROBLEM, **more):
+    """The problem, and such rows as they are read without a file."""
+    stated = po.problem_from_dict(problem)
+    table = {"joint1 [rad]": q[:, 0], "joint2 [rad]": q[:, 1], "x [m]": points[:, 0], "y [m]": points[:, 1]}
+    further = {f"{name} [{unit}]": values for name, (unit, values) in more.items()}
+    return stated, po.read_measurements({**table, **further}, stated)

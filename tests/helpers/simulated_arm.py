@@ -78,3 +78,11 @@ class SimulatedArm:
         """(N, n) random postures, the slides within their 300 mm."""
         turning = np.array([row[1] == "revolute" for row in self.table])
         return np.where(turning, rng.uniform(-reach, reach, (n, len(turning))), rng.uniform(0, 0.3, (n, len(turning))))
+
+
+SIX = (
+    ("j1", "revolute", 0.0, 0.13, 0.0, np.pi / 2), ("j2", "revolute", 0.0, 0.0, -0.6, 0.0),
+    ("j3", "revolute", 0.0, 0.0, -0.57, 0.0), ("j4", "revolute", 0.0, 0.16, 0.0, np.pi / 2),
+    ("j5", "revolute", 0.0, 0.12, 0.0, -np.pi / 2), ("j6", "revolute", 0.0, 0.09, 0.0, 0.0),
+)  # fmt: skip
+"""Six joints about as those of a UR10."""

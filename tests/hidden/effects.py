@@ -149,8 +149,7 @@ of_joint("hysteresis", lambda s, j, v: v["h"] * s.session.side[:, j] * np.expm1(
 of_joint("load_backlash", lambda s, j, v: -v["h"] * s.session.side[:, j] * np.abs(s.tau[:, j]))
 of_joint("thermal_offset", lambda s, j, v: v["c"] * s.warmth)
 of_joint(
-    "quantisation",
-    lambda s, j, v: v["share"] * (np.round(s.session.q[:, j] / v["lsb"]) * v["lsb"] - s.session.q[:, j]),
+    "quantisation", lambda s, j, v: v["share"] * (np.round(s.session.q[:, j] / v["lsb"]) * v["lsb"] - s.session.q[:, j])
 )
 
 

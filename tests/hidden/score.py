@@ -54,13 +54,10 @@ def _right(true: list[Name], names: list[Name], sets: list[set[Name]], verdict: 
     told = set().union(*sets) if sets else set()
     inside = set(true) <= told and all(s & set(true) for s in sets) if true else not names
     return {
-        "first": first,
-        "exact": exact,
-        "inside": exact or (found and inside),
-        "first_inside": first or bool(sets and sets[0] & set(true)),
-        "all_named": set(true) <= set(names),
+        "first": first, "exact": exact, "inside": exact or (found and inside),
+        "first_inside": first or bool(sets and sets[0] & set(true)), "all_named": set(true) <= set(names),
         "extra": len(set(names) - set(true)),
-    }
+    }  # fmt: skip
 
 
 def _second(true: list[Name], answer: Json) -> Json:

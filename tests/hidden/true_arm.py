@@ -45,10 +45,7 @@ class TrueArm:
         arm = place(rng, ARMS[kind]())
         plan = Plan(rows=rows, repeated=15, visits=3, payloads=(0.0, 10.0), sides=False, logged=False)
         session = draw_session(rng, arm, plan)
-        effects = (
-            Effect("joint_compliance", ELBOW[kind], {"c": 8e-6}),
-            Effect("backlash", FIRST[kind], {"b": 2e-4}),
-        )
+        effects = (Effect("joint_compliance", ELBOW[kind], {"c": 8e-6}), Effect("backlash", FIRST[kind], {"b": 2e-4}))
         return cls(Site(arm, session, geometry(rng, arm, Setting(kind))), effects, turned)
 
     def poses(self, session: Session, rng: np.random.Generator) -> tuple[Array, Array]:

@@ -44,13 +44,6 @@ def test_poses_are_turned_into_the_frame_of_the_board() -> None:
     assert np.allclose(again.position, data.position, atol=1e-12)
 
 
-@pytest.mark.long
-def test_poses_of_a_board_find_the_arm() -> None:
-    given = po.problem_from_dict(TEXT)
-    found = po.calibrate(given, po.read_measurements(table(50), given), plan=False)
-    assert found.calibrated.rms < 0.15e-3 < 0.4 * found.nominal.rms
-
-
 def test_what_is_missing_is_said() -> None:
     bare = {key: column for key, column in table(3).items() if not key.startswith("r")}
     with pytest.raises(po.errors.InputError, match="poses of a board have x, y, z and an orientation"):

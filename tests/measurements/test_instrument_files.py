@@ -13,24 +13,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import posture_opt as po
+from tests.helpers.simulated_arm import SIX, SimulatedArm
 
 NAMES = ("j1", "j2", "j3", "j4", "j5", "j6")
-ROBOT = {
-    "kind": "dh",
-    "base": "free",
-    "tool": "free",
-    "joints": [
-        {"name": "j1", "d": "0.13 m", "alpha": "90 deg"},
-        {"name": "j2", "a": "-0.6 m"},
-        {"name": "j3", "a": "-0.57 m"},
-        {"name": "j4", "d": "0.16 m", "alpha": "90 deg"},
-        {"name": "j5", "d": "0.12 m", "alpha": "-90 deg"},
-        {"name": "j6", "d": "0.09 m"},
-    ],
-}
-ROWS = 30
+ROBOT = SimulatedArm(SIX).section(("-360 deg", "360 deg"), base="free", tool="free")
+ROWS = 16
 Q = np.random.default_rng(1).uniform(-2, 2, (ROWS, 6)).round(4)  # rad
 
 
@@ -38,14 +28,8 @@ def problem_with(**data: Any) -> po.Problem:
     return po.problem_from_dict({"robot": ROBOT, **({"data": data} if data else {})})
 
 
-def nominal() -> tuple[np.ndarray, np.ndarray]:
-    """Points (N, 3) [m] and rotations (N, 3, 3) of the postures."""
-    arm = problem_with().arm
-    poses = [np.array(arm.pose(q)) for q in Q]
-    return np.array([T[:3, 3] for T in poses]).round(6), np.array([T[:3, :3] for T in poses])
-
-
-POINTS, ROTATIONS = nominal()
+POSES = SimulatedArm(SIX).poses(Q)
+POINTS, ROTATIONS = POSES[:, :3, 3].round(6), POSES[:, :3, :3]
 PLAIN = ", ".join([*(f"{name} [rad]" for name in NAMES), "x [mm]", "y [mm]", "z [mm]"])
 NUMBERS = np.column_stack([Q, POINTS * 1e3])
 
@@ -127,46 +111,13 @@ def test_a_file_without_a_header_is_told_by_numbers(tmp_path: Path) -> None:
         read(tmp_path, rows(" "), columns=columns)
 
 
-def quaternions() -> np.ndarray:
-    """(N, 4) w x y z of the poses, by the trace (positive w after a turn of sign)."""
-    found = []
-    for R in ROTATIONS:
-        values, vectors = np.linalg.eigh(
-            np.array(
-                [
-                    [R[0, 0] - R[1, 1] - R[2, 2], 0, 0, 0],
-                    [R[0, 1] + R[1, 0], R[1, 1] - R[0, 0] - R[2, 2], 0, 0],
-                    [R[0, 2] + R[2, 0], R[1, 2] + R[2, 1], R[2, 2] - R[0, 0] - R[1, 1], 0],
-                    [R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1], np.trace(R)],
-                ]
-            )
-        )
-        x, y, z, w = vectors[:, np.argmax(values)]
-        found.append(np.array([w, x, y, z]) * (1 if w >= 0 else -1))
-    return np.array(found)
-
-
-def rotation_vectors() -> np.ndarray:
-    w, v = quaternions()[:, :1], quaternions()[:, 1:]
-    size = np.linalg.norm(v, axis=1, keepdims=True)
-    return 2 * np.arctan2(size, w) * v / size
-
-
-def fixed_axis_angles() -> np.ndarray:
-    """(N, 3) roll, pitch, yaw [rad] with ``R = Rz(yaw) Ry(pitch) Rx(roll)``."""
-    R = ROTATIONS
-    return np.column_stack([
-        np.arctan2(R[:, 2, 1], R[:, 2, 2]),
-        np.arctan2(-R[:, 2, 0], np.hypot(R[:, 0, 0], R[:, 1, 0])),
-        np.arctan2(R[:, 1, 0], R[:, 0, 0]),
-    ])  # fmt: skip
-
-
+TURNED = Rotation.from_matrix(ROTATIONS)
+QUATERNIONS = TURNED.as_quat(canonical=True, scalar_first=True)
 ORIENTATIONS = {
-    "quaternion": ("qw, qx, qy, qz", quaternions()),
-    "the other sign": ("qw, qx, qy, qz", -quaternions()),
-    "rotation vector": ("rx [rad], ry [rad], rz [rad]", rotation_vectors()),
-    "angles": ("roll [deg], pitch [deg], yaw [deg]", np.degrees(fixed_axis_angles())),
+    "quaternion": ("qw, qx, qy, qz", QUATERNIONS),
+    "the other sign": ("qw, qx, qy, qz", -QUATERNIONS),
+    "rotation vector": ("rx [rad], ry [rad], rz [rad]", TURNED.as_rotvec()),
+    "angles": ("roll [deg], pitch [deg], yaw [deg]", TURNED.as_euler("xyz", degrees=True)),
 }
 
 
@@ -175,7 +126,7 @@ def test_orientations_are_those_of_the_nominal_arm(case: str, tmp_path: Path) ->
     heads, values = ORIENTATIONS[case]
     found = read(tmp_path, f"{PLAIN}, {heads}\n" + rows(",", numbers=np.column_stack([NUMBERS, values])))
     assert found.rotation is not None
-    np.testing.assert_allclose(found.rotation, quaternions(), atol=1e-9)
+    np.testing.assert_allclose(found.rotation, QUATERNIONS, atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -202,7 +153,7 @@ def test_orientations_that_may_mean_two_things_are_refused(
 
 def test_a_motive_export_is_read_by_the_numbers_of_its_columns(tmp_path: Path) -> None:
     """Eight lines before the rows, heads X, Y, Z twice, and the commanded joints appended as columns."""
-    w, x, y, z = quaternions().T
+    w, x, y, z = QUATERNIONS.T
     numbers = np.column_stack([np.arange(ROWS), np.arange(ROWS) / 120, x, y, z, w, POINTS, Q])
     text = (
         "Format Version,1.23,Take Name,Take 1,Export Frame Rate,120.000000,Rotation Type,Quaternion,"
@@ -219,19 +170,19 @@ def test_a_motive_export_is_read_by_the_numbers_of_its_columns(tmp_path: Path) -
     units = {"time": "s", **dict.fromkeys(NAMES, "rad"), **dict.fromkeys("xyz", "m")}
     found = read(tmp_path, text, columns=columns, units=units)
     as_plain(found)
-    np.testing.assert_allclose(found.rotation, quaternions(), atol=1e-9)
+    np.testing.assert_allclose(found.rotation, QUATERNIONS, atol=1e-9)
     assert found.time is not None
 
 
 def test_a_recording_of_ur_rtde_is_read(tmp_path: Path) -> None:
     heads = ["timestamp", *(f"actual_q_{k}" for k in range(6)), *(f"actual_TCP_pose_{k}" for k in range(6))]
-    numbers = np.column_stack([np.arange(ROWS) * 0.002, Q, POINTS, rotation_vectors()])
+    numbers = np.column_stack([np.arange(ROWS) * 0.002, Q, POINTS, TURNED.as_rotvec()])
     columns = {"time": "timestamp", **{name: f"actual_q_{k}" for k, name in enumerate(NAMES)}}
     columns |= {name: f"actual_TCP_pose_{k}" for k, name in enumerate(("x", "y", "z", "rx", "ry", "rz"))}
     units = {"time": "s", **dict.fromkeys((*NAMES, "rx", "ry", "rz"), "rad"), **dict.fromkeys("xyz", "m")}
     found = read(tmp_path, " ".join(heads) + "\n" + rows(" ", numbers=numbers), columns=columns, units=units)
     as_plain(found)
-    np.testing.assert_allclose(found.rotation, quaternions(), atol=1e-9)
+    np.testing.assert_allclose(found.rotation, QUATERNIONS, atol=1e-9)
 
 
 HEADERS = {
@@ -255,6 +206,7 @@ def test_a_wrong_header_is_told_once(case: str, tmp_path: Path) -> None:
     (issue,) = caught.value.issues
     for words in said:
         assert words in str(issue)
+    assert "ball bar" not in str(issue), "of no other instrument"
 
 
 def test_columns_that_are_not_there_are_refused(tmp_path: Path) -> None:
@@ -285,7 +237,7 @@ def test_data_frames_go_both_ways(tmp_path: Path) -> None:
     cells = [
         ",".join(map(repr, map(float, (*numbers, *rotation))))
         + f",p{k // 2},t{k % 2},{'' if k % 3 else '1'},1.5,20.25,{k}.5"
-        for k, (numbers, rotation) in enumerate(zip(NUMBERS, quaternions(), strict=True))
+        for k, (numbers, rotation) in enumerate(zip(NUMBERS, QUATERNIONS, strict=True))
     ]
     data = read(tmp_path, PLAIN + extra + "\n" + "\n".join(cells) + "\n")
     frame = data.to_dataframe()

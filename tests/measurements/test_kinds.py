@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -84,21 +84,6 @@ def test_derivatives_are_those_of_differences(listed: type[Kind], framed: bool) 
         slots = kind.unknown_slope(at, axis)
         numeric = (reading(zero, zero, step) - reading(zero, zero, -step)) / (2 * h)
         assert np.allclose(stacked([*slots, *[0.0] * (n - len(slots))], ROWS), numeric, atol=1e-7)
-
-
-def test_kinds_are_frozen_named_once_and_say_what_they_are() -> None:
-    names = [kind.kind for kind in KINDS]
-    columns = [column for kind in KINDS for column in (*kind.columns, kind.label, kind.second_label) if column]
-    assert len(set(names)) == len(names)
-    assert len(set(columns)) == len(columns)
-    for kind in KINDS:
-        assert is_dataclass(kind)
-        assert fields(kind)
-        assert kind.__doc__
-        assert kind.noun
-        assert kind.error_words
-        assert kind.example
-        assert kind.size_known or kind.remedy  # who cannot see the size of the arm says how to state it
 
 
 def problem(**data: object) -> po.Problem:

@@ -66,12 +66,6 @@ def test_hidden_markers_are_left_out_and_counted(tmp_path: Path) -> None:
         po.read_measurements(path, po.problem_from_dict(UR5E))
 
 
-def test_counted_joints_are_those_of_the_preset() -> None:
-    q, x = rows()
-    table = {f"q{k + 1} [rad]": q[:, k] for k in range(6)} | {f"{axis} [m]": x[:, k] for k, axis in enumerate("xyz")}
-    assert np.array_equal(po.read_measurements(table, po.problem_from_dict(UR5E)).q, q)
-
-
 def test_several_markers_in_a_row_and_joints_outside_of_the_chain_say_what_to_do(tmp_path: Path) -> None:
     q, x = rows()
     table = {f"{name} [rad]": q[:, k] for k, name in enumerate(NAMES)}

@@ -26,7 +26,6 @@ def table(poses: Any, **columns: Any) -> po.Measurements:
 def test_one_posture_comes_from_every_block_and_brings_all_of_its_visits() -> None:
     poses = np.tile(np.arange(1000), 3)
     found = thin(table(poses), 300)
-    assert found is not None
     assert 290 <= len(found.rows) <= 303
     chosen = np.unique(poses[found.rows])
     assert np.all(np.diff(chosen) <= 2 * found.block)  # no stretch of the session is left out
@@ -39,7 +38,6 @@ def test_the_rest_is_seen_by_the_clock_of_the_rows_that_were_used(timed: bool) -
     order = np.random.default_rng(0).permutation(2000)
     data = table(np.arange(2000), time=(100.0 + order) if timed else None)
     found = thin(data, 100)
-    assert found is not None
     robot = problem_of(TWO).robot
     whole, used = inputs_of(found.clocked, robot).time, inputs_of(found.used, robot).time
     np.testing.assert_allclose(np.asarray(whole)[found.rows], used, atol=1e-9)
@@ -48,7 +46,6 @@ def test_the_rest_is_seen_by_the_clock_of_the_rows_that_were_used(timed: bool) -
 def test_every_touched_point_and_every_robot_gives_rows() -> None:
     points = np.r_[np.zeros(1000), np.full(3, 1), np.full(1000, 2)].astype(np.intp)
     found = thin(table(np.arange(2003), point=points), 50)
-    assert found is not None
     assert set(points[found.rows]) == {0, 1, 2}
     robots = np.r_[np.zeros(1000), np.ones(10), np.full(1000, 2)].astype(np.intp)
     data = table(np.arange(2010), robot=robots, robot_names=("a", "b", "c"))

@@ -77,13 +77,13 @@ both_ways = pytest.mark.parametrize("compiled", [False, pytest.param(True, marks
 
 
 @both_ways
-@pytest.mark.parametrize("n", [0, 1, 3, 255, 256, 700])  # below, at and across the interpreter's chunk
-def test_rows_agree_with_numpy(compiled: bool, n: int) -> None:
+def test_rows_agree_with_numpy(compiled: bool) -> None:
     batch = BatchFunction(planar(), compiled=compiled)
     assert batch.compiled is compiled
-    for result, expected in zip(batch(*rows(n)), planar_in_numpy(*rows(n)), strict=True):
-        assert result.shape == expected.shape
-        np.testing.assert_allclose(result, expected, rtol=0, atol=2 * DIGITS)  # values up to 3, products up to 9
+    for n in (0, 1, 3, 255, 256, 700):  # below, at and across the interpreter's chunk
+        for result, expected in zip(batch(*rows(n)), planar_in_numpy(*rows(n)), strict=True):
+            assert result.shape == expected.shape
+            np.testing.assert_allclose(result, expected, rtol=0, atol=2 * DIGITS)  # values up to 3, products up to 9
 
 
 @both_ways
@@ -173,7 +173,6 @@ def test_interprets_without_a_compiler() -> None:
 @pytest.mark.parametrize(
     ("script", "reason"),
     [
-        ("exit 3", "--version failed"),
         ('[ "$1" = --version ] && exit 0; echo out of cheese >&2; exit 1', "out of cheese"),
         ("exit 0", "failed"),  # claims success, writes nothing
     ],
@@ -272,12 +271,9 @@ CHECKED = (
 def in_another_process(**environment: str) -> str:
     """Whether it compiles there, and the shape of an answer: this process must not have the library mapped."""
     done = subprocess.run(
-        [sys.executable, "-c", CHECKED],
-        capture_output=True,
-        text=True,
-        cwd=Path(__file__).parents[2],
+        [sys.executable, "-c", CHECKED], capture_output=True, text=True, cwd=Path(__file__).parents[2],
         env={**os.environ, **environment},
-    )
+    )  # fmt: skip
     assert done.returncode == 0, (done.returncode, done.stderr)
     return done.stdout
 

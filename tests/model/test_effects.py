@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 import posture_opt as po
-from posture_opt.model.arm_state import ArmState, Inputs
+from posture_opt.model.arm_state import ArmState
 from posture_opt.model.effects import EFFECTS, Effect
 from tests.helpers.effect_cases import SHAPES, read, with_effects
 from tests.helpers.variants import conformance
@@ -38,27 +38,21 @@ def stated_sizes(effect: hidden.Effect) -> dict[str, Any]:
         "base_compliance": {"estimate": {"compliance": per_torque["k"]}},
         "backlash": {"joint": target, "estimate": {"width": f"{v.get('b')!r} rad"}},
         "hysteresis": {
-            "joint": target,
-            "travel": f"{v.get('d0')!r} rad",
-            "estimate": {"height": f"{v.get('h')!r} rad"},
+            "joint": target, "travel": f"{v.get('d0')!r} rad", "estimate": {"height": f"{v.get('h')!r} rad"},
         },
         "load_backlash": {"joint": target, "estimate": {"height": per_torque["h"]}},
         "joint_coupling": {
-            "joint": target.split("->")[-1],
-            "follows": target.split("->")[0],
-            "estimate": {"ratio": v.get("c")},
+            "joint": target.split("->")[-1], "follows": target.split("->")[0], "estimate": {"ratio": v.get("c")},
         },
         "payload_error": {"estimate": {"sag": per_torque["e"]}},
         "thermal_growth": {"length": target, "estimate": {"expansion": f"{v.get('alpha')!r} /K"}},
         "thermal_offset": {"joint": target, "estimate": {"rate": f"{v.get('c')!r} rad/K"}},
         "drift": {
-            "course": target,
-            "constant": f"{v.get('tau', v.get('span'))!r} s",
+            "course": target, "constant": f"{v.get('tau', v.get('span'))!r} s",
             "estimate": {a: f"{v.get(a)!r} m" for a in "xyz"},
         },
         "slip": {
-            "of": target,
-            "moment": f"{v.get('t0')!r} s",
+            "of": target, "moment": f"{v.get('t0')!r} s",
             "way": "settle" if any(v.get(n) for n in ("roll", "pitch", "yaw")) else "shift",
             "estimate": {
                 n: f"{v[n]!r} {'m' if n in ('x', 'y', 'z') else 'rad'}" for n in effect.size if effect.size[n]
@@ -75,7 +69,7 @@ def stated_sizes(effect: hidden.Effect) -> dict[str, Any]:
         "late_reading": {"estimate": {"delay": f"{v.get('t')!r} s"}},
         "tool_shift": {"estimate": {a: f"{v.get(a)!r} m" for a in "xyz"}},
         "quantisation": {"joint": target, "lsb": f"{v.get('lsb')!r} rad", "estimate": {"share": v.get("share")}},
-    }
+    }  # fmt: skip
     return {"kind": kind, **of[kind]}
 
 
@@ -138,7 +132,6 @@ task: {kind: insert, direction: [0, 1, 0], position: [0.5 m, 0.4 m, 0 m]}
     [
         ({"kind": "backlash", "joint": "joint1", "estimate": {"width": "0.1 mm"}}, "not a unit of angle"),
         ({"kind": "backlash", "joint": "joint1", "estimate": {"height": "0.1 mrad"}}, "its parameters: width"),
-        ({"kind": "backlash", "joint": "joint1", "estimate": {"width": 1e-4}}, "no unit"),
         ({"kind": "joint_scale", "joint": "joint1", "estimate": {"scale": "1 mrad"}}, "write a number"),
         ({"kind": "backlsh", "joint": "joint1"}, "backlash"),
         ({"kind": "thermal_growth", "length": "joint2.d"}, "joint1.a, joint2.a"),
@@ -165,19 +158,6 @@ def test_masses_that_are_missing_are_asked_for() -> None:
     (issue,) = caught.value.issues
     assert "masses" in issue.message
     assert "mass and com" in issue.hint
-
-
-def test_masses_of_a_table_reach_the_torque() -> None:
-    robot = po.problem_from_dict(yaml.safe_load(RR)).robot
-    q = (0.3, 0.5)
-    state = ArmState(robot, q, Inputs(payload=1.5))
-    # By hand: levers along x of the middle of link 1, of the centre of link 2, and of the tool point.
-    c1, c12 = np.cos(0.3), np.cos(0.8)
-    second = -9.81 * (2 * 0.25 * c12 + 1.5 * 0.4 * c12)
-    first = -9.81 * (3 * 0.25 * c1 + 3.5 * 0.5 * c1) + second
-    assert state.torque(0) == pytest.approx(first, abs=1e-12)
-    assert state.torque(1) == pytest.approx(second, abs=1e-12)
-    assert state.payload_torque(1) == pytest.approx(-9.81 * 1.5 * 0.4 * c12, abs=1e-12)
 
 
 def test_inertials_of_a_urdf_give_pinocchios_torques(sites: Any) -> None:

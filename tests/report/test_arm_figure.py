@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import combinations, product
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -21,7 +21,6 @@ CELL = {"obstacles": [
     {"name": "lamp", "kind": "sphere", "radius": "80 mm", "xyz": ["0.7 m", "-0.4 m", "0.6 m"]},
 ]}  # fmt: skip
 CELLS = {"bare": None, "cell": CELL}
-PRESETS = ("panda", "ur5e", "scara", "irb120")
 
 
 def geometry_at(preset: str, draw: int, cell: Any = None) -> ArmGeometry:
@@ -41,7 +40,7 @@ def geometry_at(preset: str, draw: int, cell: Any = None) -> ArmGeometry:
 @pytest.mark.usefixtures("coarse")
 @pytest.mark.parametrize(
     ("preset", "cell", "draw"),
-    conformance(product(PRESETS, CELLS, range(2)), [("panda", "cell", 0), ("scara", "bare", 0)]),
+    conformance([("panda", "cell", 0), ("scara", "bare", 0), ("irb120", "cell", 1)], [("panda", "cell", 0)]),
 )
 def test_callouts_stand_beside_the_arm_and_their_lines_do_not_cross(preset: str, cell: str, draw: int) -> None:
     geometry = geometry_at(preset, draw, CELLS[cell])

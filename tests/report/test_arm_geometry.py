@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.collision.facets import capsule_facets, cylinder_facets, tapered_facets
+from posture_opt.collision.facets import capsule_facets, tapered_facets
 from posture_opt.report.scene.arm_solids import ArmSolids
-from posture_opt.robot import preset_names
 from tests.helpers.capsules import from_segment
 from tests.helpers.shipped import preset_robot
 
@@ -26,12 +25,7 @@ def test_a_tapered_link_is_closed_and_as_large_as_a_cone_between_half_balls():
     assert abs(volume(found)) == pytest.approx(cone + balls, rel=0.03)  # a polygon of 20 corners is 1.6 % smaller
 
 
-def test_a_cylinder_is_closed():
-    found = cylinder_facets(np.zeros(3), np.array([0.0, 0.0, 0.5]), 0.2)
-    assert abs(volume(found)) == pytest.approx(np.pi * 0.2**2 * 0.5, rel=0.03)
-
-
-@pytest.mark.parametrize("preset", preset_names())
+@pytest.mark.parametrize("preset", ["planar_2r", "scara", "panda"])
 def test_joints_stand_on_their_axes(preset):
     robot = preset_robot(preset)
     arm, q = ArmSolids(robot), np.linspace(0.3, -0.4, robot.n)
@@ -76,15 +70,3 @@ def test_faces_of_an_obstacle_touch_it(k: int) -> None:
     corners = obstacle.facets(low, high).reshape(-1, 3)
     assert len(corners) > 100
     assert np.abs(obstacle.distance(corners, corners)).max() < 1e-9
-
-
-@pytest.mark.parametrize("k", [0, 3])
-def test_flat_faces_are_on_the_surface_and_not_within(k: int) -> None:
-    """A step of 1 mm across a face leads 1 mm away from the obstacle on one side, and into it on the other."""
-    obstacle = problem(CELL).scene.obstacles[k]
-    faces = obstacle.facets(np.array([-0.5, -0.5, -0.2]), np.array([1.0, 0.5, 1.0]))
-    normals = np.cross(faces[:, 2] - faces[:, 0], faces[:, 3] - faces[:, 1])
-    step = 1e-3 * normals / np.linalg.norm(normals, axis=1, keepdims=True)
-    sides = [obstacle.distance(p, p) for p in (faces.mean(axis=1) + step, faces.mean(axis=1) - step)]
-    np.testing.assert_allclose(np.max(sides, axis=0), 1e-3, atol=1e-9)
-    assert np.min(sides, axis=0).max() <= 0

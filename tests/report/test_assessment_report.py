@@ -111,15 +111,6 @@ def test_arrows_are_the_errors_enlarged_as_stated(visited: Any, figures: dict[st
     np.testing.assert_allclose(shown.errors["nominal"][:, :2], off, atol=1e-9)
 
 
-def test_means_in_bins_are_those_of_the_values() -> None:
-    x = np.linspace(-2, 2, 400)
-    binned = Binned.of(x, np.sin(3 * x) + np.random.default_rng(3).normal(0, 0.1, 400))
-    np.testing.assert_allclose(binned.mean, np.sin(3 * binned.x), atol=0.15)  # 20 of a bin: ± 0.02, and its curvature
-    few = Binned.of(np.repeat([0.0, 2.0, 5.0], 50), np.repeat([1.0, 2.0, 3.0], 50))
-    assert few.x.tolist() == [0.0, 2.0, 5.0]
-    assert few.mean.tolist() == [1.0, 2.0, 3.0]
-
-
 def test_the_band_of_a_mean_holds_it_in_95_of_100() -> None:
     rng = np.random.default_rng(4)
     x = np.linspace(0, 1, 200)

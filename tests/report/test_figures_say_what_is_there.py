@@ -16,8 +16,8 @@ from tests.helpers.shipped import PROBLEMS
 
 @pytest.fixture(scope="module")
 def calibration() -> po.Calibration:
-    problem = po.load_problem("insert_ur10_measured")
-    return po.calibrate(problem, po.read_measurements(PROBLEMS / "ur10_measured.csv", problem), plan=False)
+    problem = po.load_problem("insert_planar_2r_measured")
+    return po.calibrate(problem, po.read_measurements(PROBLEMS / "planar_2r_measured.csv", problem), plan=False)
 
 
 def test_the_shares_of_the_95_percent_regions_stand_at_95(calibration: po.Calibration) -> None:

@@ -14,7 +14,7 @@ import pytest
 
 import posture_opt as po
 from tests.helpers.command_line import invoke
-from tests.helpers.planar_2r import exact, first_order, position
+from tests.helpers.planar_2r import exact, first_order
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCUMENT = (ROOT / "docs" / "lecture" / "lecture.md").read_text(encoding="utf-8")
@@ -46,90 +46,6 @@ def row(start):
 
 def section(title):
     return DOCUMENT[DOCUMENT.index(f"## {title}") :].split("\n## ")[0]
-
-
-@pytest.mark.parametrize(
-    ("label", "q", "variances"),
-    [
-        ("folded, 1° 1°", (90, -180), (DEG**2, DEG**2, 1e-4, 1e-4)),
-        ("bent, 1° 1°", (90, -135), (DEG**2, DEG**2, 1e-4, 1e-4)),
-        ("bent, 1° 3°", (90, -135), (DEG**2, 9 * DEG**2, 1e-4, 1e-4)),
-    ],
-)
-def test_a_and_alpha_rebuild_the_covariance(label, q, variances):
-    lines = section("What A and α1, α2 are").splitlines()
-    cells = numbers(next(line for line in lines if line.startswith(f"| {label} |")).split("|", 2)[2])
-    small, large, root1, root2, angle = cells[2:]
-    t = math.radians(angle)
-    A = np.array([[-math.sin(t), math.cos(t)], [math.cos(t), math.sin(t)]])
-    C = 1e4 * exact(np.radians(q), np.diag(variances))
-    # Four decimals of α, and 0.005° of the angle turn 25e-4 m² of difference by 2e-7 m² = 0.002 in 1e-4 m².
-    np.testing.assert_allclose(A @ np.diag([small, large]) @ A.T, C, atol=3e-3)
-    np.testing.assert_allclose([root1, root2], 10 * np.sqrt([small, large]), atol=0.006)
-
-
-def test_whitened_cloud_has_unit_covariance(rules):
-    found = rules[0].Axes(rules[0].EXAMPLES["weak"]).whitened
-    # Five standard errors of 10⁶ points: √(2/n) of a variance, √(1/n) of a covariance.
-    np.testing.assert_allclose(found, np.eye(2), atol=5 * math.sqrt(2e-6))
-
-
-def test_what_k_sigma_hold_against_simulated_normals():
-    z = np.random.default_rng(3).standard_normal((200_000, 6)) ** 2
-    for k in (1, 2, 3):
-        for shown, m in zip(row(f"±{k} sigma"), (1, 2, 3, 6), strict=True):
-            drawn = np.mean(z[:, :m].sum(axis=1) <= k * k)
-            assert shown / 100 == pytest.approx(drawn, abs=5 * math.sqrt(0.25 / 200_000))
-    assert "±1σ, ±2σ and ±3σ hold 0.68, 0.95 and 0.997" in DOCUMENT
-    for k, said in ((1, 0.68), (2, 0.95), (3, 0.997)):
-        assert math.erf(k / math.sqrt(2)) == pytest.approx(said, abs=0.005)
-
-
-def test_twice_the_eigenvalues():
-    values = np.linalg.eigvalsh(exact(BENT, WEAK))
-    for label, square in (
-        ("√(2 α), each eigenvalue doubled", 2.0),
-        ("2 √α, two standard deviations", 4.0),
-        ("2.448 √α", -2 * math.log(0.05)),
-    ):
-        k2, major, minor, held, counted, low, high, *_ = row(label)
-        assert k2 == pytest.approx(square, abs=6e-4)
-        assert [minor, major] == pytest.approx(1e3 * np.sqrt(square * values), abs=0.06)
-        assert held == pytest.approx(100 * (1 - math.exp(-square / 2)), abs=0.006)
-        assert low <= counted <= high
-        # The cloud is bent, not Gaussian: half a percent at most.
-        assert counted == pytest.approx(held, abs=0.5)
-    assert "1 − 1/e = 63.2 %" in DOCUMENT
-
-
-def test_kline_and_mcclintock_by_finite_differences():
-    text = section("Kline and McClintock's formula")
-    step = 1e-6
-    parts = []
-    for k in range(4):
-        ends = []
-        for sign in (1, -1):
-            p = np.array([*BENT, 1.0, 1.0])
-            p[k] += sign * step
-            ends.append(position(p[:2], p[2:]))
-        parts.append((ends[0] - ends[1]) / (2 * step) * SIGMAS[k])
-    parts = np.array(parts).T
-    w = np.linalg.norm(parts, axis=1)
-    for name, own, total in zip("xy", parts, w, strict=True):
-        line = next(line for line in text.splitlines() if line.startswith(f"| {name} |"))
-        assert numbers(line) == pytest.approx([*np.abs(1e3 * own), 1e3 * total], abs=0.006)
-    C = first_order(BENT, WEAK)
-    np.testing.assert_allclose(w**2, np.diag(C), rtol=1e-8)
-    values, vectors = np.linalg.eigh(C)
-    expected, true = (float(x) for x in re.search(r"expect\s+([\d.]+) mm along.*?are ([\d.]+) mm", text, re.S).groups())
-    assert expected == pytest.approx(1e3 * np.linalg.norm(vectors[:, 0] * w), abs=0.06)
-    assert true == pytest.approx(1e3 * math.sqrt(values[0]), abs=0.06)
-    cloud = np.random.default_rng(1).multivariate_normal([0, 0], C, 200_000)
-    boxed = np.mean(np.all(np.abs(cloud) <= 1.96 * w, axis=1))
-    said = re.search(r"holds ([\d.]+) % of the cloud, and its area is ([\d.]+) times", text)
-    assert float(said[1]) / 100 == pytest.approx(boxed, abs=0.003)
-    area = 4 * 1.96**2 * w.prod() / (math.pi * -2 * math.log(0.05) * math.sqrt(np.linalg.det(C)))
-    assert float(said[2]) == pytest.approx(area, abs=0.006)
 
 
 @pytest.mark.parametrize("scale", [0.01, 1.0, 10.0])
@@ -203,48 +119,6 @@ def test_the_pose_against_the_package_and_a_longer_link(rules):
         lines = section("The posture as a vector of six").splitlines()
         line = next(line for line in lines if line.startswith(f"| {name} |"))
         assert numbers(line)[-3:] == pytest.approx(rho, abs=6e-5)
-
-
-def test_where_the_measuring_robot_stands_best(rules):
-    robot = rules[0].MeasuringRobot()
-    grid = np.stack(np.meshgrid(np.linspace(0.8, 1.6, 41), np.linspace(-0.4, 0.4, 41)), axis=-1)
-    x, y = grid[..., 0], grid[..., 1]
-    t2 = -np.arccos((x**2 + y**2 - 2) / 2)
-    q = np.stack([np.arctan2(y, x) - np.arctan2(np.sin(t2), 1 + np.cos(t2)), t2], axis=-1)
-    total = np.sqrt(np.trace(exact(q, WEAK), axis1=-2, axis2=-1))
-    assert robot.rms == pytest.approx(total.min(), rel=1e-5)
-    first = np.trace(first_order(q, WEAK), axis1=-2, axis2=-1)
-    np.testing.assert_allclose(first, (x**2 + y**2) * DEG**2 + 9 * DEG**2 + 2e-4, rtol=1e-12)
-    assert (
-        f"{1e3 * total.min():.2f} mm root mean square; by the formula {1e3 * math.sqrt(first.min()):.2f} mm" in DOCUMENT
-    )
-
-
-def test_the_length_between_two_readings(rules):
-    module = rules[0]
-    robot = module.MeasuringRobot()
-    q = robot.postures
-    for what, shared in module.LENGTHS.items():
-        np.testing.assert_allclose(position(q), robot.ENDS, atol=1e-12)
-        # One covariance of both readings: the same factors where the errors are the same.
-        both = np.concatenate([np.diag(SIGMAS), np.diag(SIGMAS)])
-        apart = np.concatenate([np.eye(8)[:4], np.eye(8)[4:]]) * np.tile(SIGMAS, 2)[:, None]
-        same = np.tile(np.repeat(shared, 2), 2)
-        factors = np.hstack([np.where(same[:, None], both, 0), np.where(same[:, None], 0, apart)])
-        J = np.zeros(8)
-        for end, sign in ((0, -1), (1, 1)):
-            for k in range(4):
-                ends = []
-                for step in (1e-6, -1e-6):
-                    p = np.array([*q[end], 1.0, 1.0])
-                    p[k] += step
-                    ends.append(position(p[:2], p[2:])[1])
-                J[4 * end + k] = sign * (ends[0] - ends[1]) / 2e-6
-        shown = row(what)
-        assert shown[0] == pytest.approx(1e3 * np.linalg.norm(J @ factors), abs=0.006)
-        assert shown[2] <= shown[1] <= shown[3]
-        assert shown[1] == pytest.approx(shown[0], rel=0.016)  # "differ by up to 1.5 %"
-        assert shown[-1] == pytest.approx(1.96 * shown[0], abs=0.06)
 
 
 COMMANDS = [line.strip() for line in DOCUMENT.splitlines() if line.startswith("    optimize-posture ")]

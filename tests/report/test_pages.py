@@ -208,6 +208,7 @@ def test_a_wide_table_says_that_it_scrolls(tab: Browser, tmp_path: Path) -> None
     tab.wait("return document.querySelector('#part-5 > details').open")
 
 
+@pytest.mark.usefixtures("coarse")
 def test_without_the_library_the_page_says_what_brings_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(presenter, "plotly_js", lambda: "")
     problem = po.load_problem("problems/insert_planar_2r.yaml")

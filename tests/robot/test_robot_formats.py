@@ -10,7 +10,7 @@ import pytest
 from pydantic import TypeAdapter, ValidationError
 
 import posture_opt as po
-from posture_opt.robot import FORMATS, RobotFormat, RobotSpec, UrdfRobot
+from posture_opt.robot import RobotSpec, UrdfRobot
 from tests.helpers.factors import frame, parameter_jacobian, pose
 from tests.helpers.pin import BARE, PinArm, robots_folder
 from tests.helpers.urdfs import urdf_text
@@ -73,13 +73,10 @@ def test_base_and_tool_frame_the_arm():
     ({"joints": [ROW | {"name": "tool"}]}, "name", "taken by the tool frame"),
     ({"joints": [ROW | {"name": ""}]}, "name", "must not be empty"),
     ({"joints": [ROW | {"limits": ["10 deg", "-10 deg"]}]}, "limits", "crossed"),
-    ({"joints": [ROW | {"limits": ["10 deg"]}]}, "limits", "two limits"),
     ({"joints": [ROW | {"limits": ["0 mm", "10 mm"]}]}, "limits", "not a unit of angle"),
-    ({"joints": [ROW | {"limits": [-3, 3]}]}, "limits", "no unit"),
     ({"joints": [SLIDE | {"limits": ["0 deg", "10 deg"]}]}, "limits", "not a unit of length"),
     ({"joints": [ROW | {"type": "prismatic"}]}, "limits", "needs its limits"),
     ({"joints": [ROW | {"type": "ball"}]}, "type", "'revolute' or 'prismatic'"),
-    ({"joints": [ROW | {"a": 0.3}]}, "a", "no unit"),
     ({"joints": [ROW | {"mass": "-1 kg"}]}, "mass", "not negative"),
     ({"joints": [ROW | {"gear_ratio": 0}]}, "gear_ratio", "not zero"),
     ({"joints": [ROW | {"lenght": "1 m"}]}, "lenght", "Extra inputs"),
@@ -87,28 +84,17 @@ def test_base_and_tool_frame_the_arm():
     ({"joints": [ROW], "gravity": [0, 0, math.nan]}, 2, "finite"),
     ({"joints": [ROW], "tool": "fixed"}, "tool", "'fixed' is no frame"),
 ])  # fmt: skip
-@pytest.mark.parametrize("kind", ["dh", "mdh"])
-def test_bad_tables(kind, section, place, message):
+def test_bad_tables(section, place, message):
     with pytest.raises(ValidationError) as caught:
-        read({"kind": kind, **section})
+        read({"kind": "dh", **section})
     (fault,) = caught.value.errors()
     assert fault["loc"][-1] == place
     assert message in fault["msg"]
 
 
-@pytest.mark.parametrize("kind", FORMATS)
-def test_every_format_is_frozen_closed_and_described(kind):
-    assert issubclass(kind, RobotFormat)
-    assert kind.model_config["frozen"]
-    assert kind.model_config["extra"] == "forbid"
-    assert kind.model_fields["kind"].default in str(TypeAdapter(RobotSpec).json_schema())
-    assert kind.__doc__
-
-
 ARMS = [
     # file below example-robot-data/robots, base link, tip link (None: by default), joints
     ("ur_description/urdf/ur3_robot.urdf", "base_link", "ee_link", 6),
-    ("ur_description/urdf/ur5_robot.urdf", None, None, 6),
     ("ur_description/urdf/ur10_robot.urdf", None, None, 6),
     ("ur_description/urdf/ur5_gripper.urdf", "base_link", "tool0", 6),
     ("panda_description/urdf/panda.urdf", None, "panda_hand_tcp", 7),
@@ -116,28 +102,23 @@ ARMS = [
     ("kinova_description/robots/kinova.urdf", None, "j2s6s200_end_effector", 6),  # continuous joints
     ("xarm_description/urdf/xarm7.urdf", None, None, 7),
     ("z1_description/urdf/z1.urdf", None, "gripperMover", 7),
-    ("so_arm_description/urdf/so100.urdf", None, "jaw", 6),
     ("so_arm_description/urdf/so101.urdf", None, "gripper_frame_link", 5),
-    ("talos_data/robots/talos_left_arm.urdf", None, "gripper_left_base_link", 6),
     ("talos_data/robots/talos_reduced.urdf", None, "gripper_right_base_link", 9),
     ("tiago_description/robots/tiago.urdf", None, "wrist_ft_tool_link", 8),  # prismatic torso
     ("baxter_description/urdf/baxter.urdf", None, "left_gripper", 7),
     ("pr2_description/urdf/pr2.urdf", "base_link", "r_gripper_tool_frame", 8),  # prismatic torso, continuous wrist
     ("icub_description/robots/icub.urdf", None, "l_hand_dh_frame", 10),  # axes askew
-    ("centauro_description/urdf/centauro.urdf", None, "arm1_8", 7),
     ("human_description/robots/human.urdf", None, "left_hand", 13),
-    ("romeo_description/urdf/romeo.urdf", None, "l_wrist", 8),
     ("g1_description/urdf/g1_29dof_rev_1_0.urdf", None, "left_rubber_hand", 10),
     ("hextilt_description/urdf/hextilt_flying_arm_5.urdf", None, None, 5),
 ]
 
 
 # Capsules about meshes take most of the time, and have tests of their own.
-@pytest.mark.parametrize("shape", [BARE, pytest.param(None, marks=pytest.mark.conformance)], ids=["bare", "meshes"])
 @pytest.mark.parametrize(("file", "base", "tip", "joints"), ARMS)
-def test_urdf_arms_agree_with_pinocchio(file, base, tip, joints, shape):
+def test_urdf_arms_agree_with_pinocchio(file, base, tip, joints):
     path = robots_folder() / file
-    robot = UrdfRobot(file=path.name, base_link=base, tip_link=tip, shape=shape).build(path.parent)
+    robot = UrdfRobot(file=path.name, base_link=base, tip_link=tip, shape=BARE).build(path.parent)
     assert robot.n == joints
     base, tip = (dict(robot.sources)[link] for link in ("base_link", "tip_link"))
     arm = PinArm(path)
@@ -167,8 +148,8 @@ ORIGIN = ((0.1, -0.2, 0.3), (0.4, -0.5, 0.6))
 
 @pytest.mark.parametrize("rpy", [(0.4, -0.5, 0.6), (0.3, math.pi / 2, 0.2), (0.3, -math.pi / 2, 0.2),
                                  (0.0, 1.57079632679, 0.0), (3.0, 1.57079632, -2.0)])  # fmt: skip
-@pytest.mark.parametrize("axis", [(0, 0, 1), (0, -1, 0), (-1, 0, 0), (0, 0, -2), (1, 2, -3), (0, 1, 1e-9)])
-@pytest.mark.parametrize("kind", ["revolute", "continuous", "prismatic"])
+@pytest.mark.parametrize("axis", [(0, -1, 0), (-1, 0, 0), (0, 0, -2), (1, 2, -3), (0, 1, 1e-9)])
+@pytest.mark.parametrize("kind", ["revolute", "prismatic"])
 def test_urdf_axes_and_origins(tmp_path, kind, axis, rpy):
     rows = [("lift", *ORIGIN, axis, None), ("bend", ORIGIN[0], rpy, axis, None), ("tip", *ORIGIN, None, None)]
     text = urdf_text(rows).replace('"revolute"', f'"{kind}"')
@@ -242,7 +223,6 @@ CHAIN = urdf_text([(name, (0, 0, 1), (0, 0, 0), (0, 0, 1), None) for name in ("f
 
 @pytest.mark.parametrize(("text", "message"), [
     ("", "not XML"),
-    ("robot: {}", "not XML"),
     ("<robot name='x'><link name='a'></robot>", "not XML"),
     ("<sdf version='1.7'/>", "begins with <sdf>"),
     ('<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arm/></robot>',
@@ -256,18 +236,14 @@ CHAIN = urdf_text([(name, (0, 0, 1), (0, 0, 0), (0, 0, 1), None) for name in ("f
      "closed loop"),
     (GOOD.replace('<child link="link1"/>', '<child link="hand"/>'), "'hand' that the file does not have"),
     (GOOD.replace('<child link="link1"/>', ""), "4: joint 'j' has no <child> – write <child link"),
-    (GOOD.replace(' name="j"', ""), "4: a <joint> lacks its name"),
     (GOOD.replace('<child link="link1"/>', "<child/>"), "<child> of joint 'j' lacks its link"),
     (GOOD.replace('xyz="0 0 1"', 'xyz="0 0 one"'),
      '4: joint \'j\': <origin xyz="0 0 one"> does not hold 3 finite numbers'),
-    (GOOD.replace('origin xyz="0 0 1"', 'origin xyz="0 0 nan"'), "does not hold 3 finite"),
     (GOOD.replace('lower="-3"', 'lower=""'), '<limit lower=""> does not hold one finite number'),
     (GOOD.replace('axis xyz="0 0 1"', 'axis xyz="0 0 0"'), "axis of length zero"),
-    (GOOD.replace('axis xyz="0 0 1"', 'axis xyz="0 1"'), "does not hold 3 finite"),
     (GOOD.replace('lower="-3"', 'lower="4"'), "crossed"),
     (GOOD.replace('name="j"', 'name="j[1]"'), "'j[1]' holds '['"),
     (GOOD.replace('"revolute"', '"fixed"'), "no joint moves"),
-    (GOOD.replace('"revolute"', '"floating"'), "'j' is floating"),
     (GOOD.replace('"revolute"', '"planar"'), "'j' is planar"),
     (GOOD.replace('"revolute"', '"prismatic"').replace('lower="-3"', ""), "no limits"),
     (CHAIN.replace("</joint>\n</robot>", '<mimic joint="first"/></joint></robot>'), "mimics 'first'"),

@@ -105,6 +105,7 @@ def test_capsules_of_a_self_collision_model_are_taken_as_they_are() -> None:
     assert first[0].radius == 0.09
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore:Please update your 'hppfcl' imports:DeprecationWarning")
 def test_capsules_contain_meshes() -> None:
     pytest.importorskip("trimesh")

@@ -17,10 +17,8 @@ from tests.helpers.variants import conformance
 
 TARGETS = {
     "planar_2r": ["0.9 m", "0.7 m", "0 m"], "scara": ["0.3 m", "0.15 m", "0.0 m"],
-    "irb120": ["0.35 m", "0.1 m", "0.2 m"], "puma560": ["0.45 m", "0.15 m", "0.1 m"],
-    "ur5": ["0.45 m", "0.2 m", "0.15 m"], "ur5e": ["0.4 m", "-0.25 m", "0.2 m"],
-    "ur10": ["0.6 m", "0.3 m", "0.2 m"], "ur10e": ["0.7 m", "-0.2 m", "0.25 m"],
-    "panda": ["0.5 m", "0.1 m", "0.2 m"], "iiwa14": ["0.55 m", "0.15 m", "0.25 m"],
+    "irb120": ["0.35 m", "0.1 m", "0.2 m"], "ur5e": ["0.4 m", "-0.25 m", "0.2 m"],
+    "panda": ["0.5 m", "0.1 m", "0.2 m"],
 }  # fmt: skip
 TASKS: dict[str, dict[str, Any]] = {
     "insert": {"kind": "insert"},
@@ -29,8 +27,8 @@ TASKS: dict[str, dict[str, Any]] = {
     "hold": {"kind": "hold", "criterion": "trace"},
     "probe": {"kind": "probe"},
 }
-EVERY = [(arm, task) for arm in TARGETS for task in TASKS]
-ALWAYS = [("planar_2r", "insert"), ("scara", "hold"), ("irb120", "tilt"), ("panda", "miss")]
+ALWAYS = [("scara", "hold"), ("irb120", "tilt")]
+EVERY = [*ALWAYS, ("planar_2r", "insert"), ("panda", "miss"), ("ur5e", "probe"), ("panda", "hold"), ("ur5e", "miss")]
 
 
 def problem_of(arm: str, task: str, **more: Any) -> po.Problem:
@@ -65,33 +63,12 @@ def test_where_both_differ_the_better_posture_is_taken() -> None:
 
 @pytest.mark.parametrize(("arm", "task"), conformance(EVERY, ALWAYS))
 def test_ipopt_ends_at_the_standard_deviation_of_the_search(arm: str, task: str) -> None:
-    if arm == "planar_2r" and "tilt" in TASKS[task]:
-        pytest.skip("the tool axis of a planar arm lies in its plane")
     found = po.select_posture(problem_of(arm, task))
     told = found.to_json()["solver"]
     assert told["name"] == "ipopt"
     assert told["agrees"] <= 1e-6
     assert told["kkt"] <= 1e-7
     assert found.status == "optimal"
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("combine", conformance(["worst", "mean"], ["worst"]))
-def test_every_feature_is_confirmed(combine: str) -> None:
-    places = [
-        {"name": "left", "position": ["0 m", "0 m", "0 m"]},
-        {"name": "right", "position": ["0 m", "80 mm", "0 m"]},
-    ]
-    stated = {"features": places, "combine": combine, "workpiece": {"x": "0.4 m", "y": "-0.25 m", "z": "0.2 m"}}
-    problem = problem_of("ur5e", "insert", position=None, **stated)
-    found = po.select_posture(problem)
-    told = found.to_json()["solver"]
-    every = [point.statistics.confirmation for point in found.points]
-    assert told["name"] == "ipopt"
-    assert told["agrees"] == max(one.agrees for one in every if one is not None) <= 1e-6
-    assert told["iterations"] == sum(one.iterations for one in every if one is not None)
-    assert "selection.confirmed" in said(found)
-    assert bool(found.prices) == (combine == "worst")
 
 
 def test_ipopt_finds_the_motion_along_a_path() -> None:

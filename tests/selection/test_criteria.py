@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import product
 from typing import Any
 
 import casadi as ca
@@ -42,26 +41,6 @@ def test_eigenvalues_are_numpy_s_but_for_the_rounded_corner(m):
         assert evaluated(lambda C: [criteria.worst(C)], C) == pytest.approx(values[-1], abs=atol)
 
 
-@pytest.mark.parametrize("m", [1, 2, 3])
-def test_trace_and_area_are_sum_and_geometric_mean(m):
-    for C in covariances(m):
-        values = np.linalg.eigvalsh(C).clip(0)
-        assert evaluated(lambda C: [criteria.trace(C)], C) == pytest.approx(values.sum(), rel=1e-12)
-        # Where the area is zero the root of its rounding is left: 1e-4 of the mean.
-        expected = np.prod(values) ** (1 / m)
-        assert evaluated(lambda C: [criteria.area(C)], C) == pytest.approx(
-            expected, rel=1e-3, abs=ROUNDED * values.sum()
-        )
-
-
-@pytest.mark.parametrize("m", [2, 3])
-def test_criteria_have_a_slope_where_eigenvalues_meet(m):
-    C = ca.SX.sym("C", m, m)
-    for criterion in (criteria.worst, criteria.area):
-        slope = ca.Function("slope", [C], [ca.jacobian(criterion(C), C)])
-        assert np.isfinite(np.asarray(slope(1e-8 * np.eye(m)))).all()
-
-
 def log_miss(C, bias, clearance):
     symbols = ca.SX.sym("C", *C.shape), ca.SX.sym("b", len(C)), ca.SX.sym("r")
     return float(ca.Function("f", [*symbols], [criteria.log_miss(*symbols)])(C, bias, clearance))
@@ -76,33 +55,14 @@ def test_probability_in_the_plane_are_those_of_the_quadrature(ratio, clearance):
     assert log_miss(C, bias, clearance) == pytest.approx(log_miss_probability(C, clearance, bias), abs=atol)
 
 
-@pytest.mark.parametrize("clearance", [0.5, 1.0, 2.0, 4.0, 8.0, 20.0])
-def test_probability_on_a_line_are_two_normal_tails(clearance):
-    # A rational approximation of erfc: seven digits near the middle, a constant factor far out.
-    found = log_miss(np.eye(1), np.array([0.3]), clearance)
-    assert found == pytest.approx(log_miss_probability([[1.0]], clearance, [0.3]), rel=5e-4)
-
-
 @pytest.mark.parametrize("C", [np.eye(1), np.diag([1.0, 0.2])])
 def test_probability_keep_a_slope_where_the_probability_is_below_every_float(C):
     assert log_miss(C, np.zeros(len(C)), 60.0) > log_miss(C, np.zeros(len(C)), 61.0) > -2000
 
 
-@pytest.mark.parametrize(
-    ("ratio", "clearance"),
-    conformance(product([1.0, 0.3, 0.1], [0.5, 1.0, 3.0]), [(1.0, 0.5), (0.3, 1.0), (0.1, 3.0)]),
-)
-def test_probability_in_space_is_that_of_the_ball(ratio, clearance):
-    turned = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
-    C, bias = turned @ np.diag([1.0, ratio**2, ratio]) @ turned.T, np.array([0.1, 0.0, 0.2])
-    expected = np.log1p(-within_clearance(C, clearance, bias))
-    assert log_miss(C, bias, clearance) == pytest.approx(expected, abs=0.05)
-
-
 # --- The posture of greatest manipulability: where it is known, and against many random postures ----------------------
 
 ARMS = {
-    "ur10": {"position": ["0.6 m", "0.2 m", "0.2 m"]},
     "panda": {"position": ["0.5 m", "0.1 m", "0.2 m"]},
     "scara": {"region": {"min": ["0.1 m", "0.1 m", "-0.1 m"], "max": ["0.25 m", "0.2 m", "0 m"]}},
 }
@@ -127,7 +87,7 @@ def test_the_planar_arm_is_most_manipulable_with_its_elbow_at_a_right_angle() ->
     assert found.manipulability == pytest.approx(1.0, rel=1e-4)
 
 
-@pytest.mark.parametrize("robot", conformance(ARMS, ["panda"]))
+@pytest.mark.parametrize("robot", conformance(ARMS, ["scara"]))
 def test_no_feasible_posture_of_the_search_is_more_manipulable(robot: str) -> None:
     solution = solved(robot, **ARMS[robot])
     found, arm = solution.most_manipulable, solution.problem.robot
@@ -137,3 +97,25 @@ def test_no_feasible_posture_of_the_search_is_more_manipulable(robot: str) -> No
     assert found.sigma_max >= solution.critical.sigma_max * (1 - 1e-6)
     assert solution.to_json()["most_manipulable"]["sigma_max"] == found.sigma_max
     assert "posture of greatest manipulability" in solution.report()
+
+
+@pytest.mark.parametrize("m", [2, 3])
+def test_criteria_have_a_slope_where_eigenvalues_meet(m):
+    C = ca.SX.sym("C", m, m)
+    for criterion in (criteria.worst, criteria.area):
+        slope = ca.Function("slope", [C], [ca.jacobian(criterion(C), C)])
+        assert np.isfinite(np.asarray(slope(1e-8 * np.eye(m)))).all()
+
+
+@pytest.mark.parametrize("clearance", [0.5, 2.0, 20.0])
+def test_probability_on_a_line_are_two_normal_tails(clearance):
+    # A rational approximation of erfc: seven digits near the middle, a constant factor far out.
+    found = log_miss(np.eye(1), np.array([0.3]), clearance)
+    assert found == pytest.approx(log_miss_probability([[1.0]], clearance, [0.3]), rel=5e-4)
+
+
+@pytest.mark.parametrize(("ratio", "clearance"), [(1.0, 0.5), (0.3, 1.0), (0.1, 3.0)])
+def test_probability_in_space_is_that_of_the_ball(ratio, clearance):
+    turned = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
+    C, bias = turned @ np.diag([1.0, ratio**2, ratio]) @ turned.T, np.array([0.1, 0.0, 0.2])
+    assert log_miss(C, bias, clearance) == pytest.approx(np.log1p(-within_clearance(C, clearance, bias)), abs=0.05)

@@ -26,25 +26,16 @@ TURNED = {
     "panda": {"panda_joint1": "80 deg", "panda_joint2": "80 deg"},
     "scara": {"joint1": "80 deg", "joint2": "80 deg"},
 }
-HELD = {
-    "ur10": {"shoulder_pan": "-90 deg", "elbow": "5 deg"},
-    "panda": {"panda_joint1": "-90 deg", "panda_joint3": "0 deg", "panda_joint5": "0 deg"},
-    "scara": {"joint1": "-90 deg"},
-}
 BOUNDED: dict[str, dict[str, Any]] = {
-    "link_height": {"at_least": "2 m"},
-    "singularity_margin": {"at_least": "2 m"},
-    "manipulability": {"at_least": "9 m"},
-    "spread": {"within": "all", "at_most": "1 um"},
-    "orientation_spread": {"of": "spin", "at_most": "0.00001 deg"},
-    "success": {"at_least": 0.999},
-    "joint_torque": {"at_most": "0.5 N m"},
-    "limit_margin": {"at_least": "179 deg"},
-}
+    "link_height": {"at_least": "2 m"}, "singularity_margin": {"at_least": "2 m"},
+    "manipulability": {"at_least": "9 m"}, "spread": {"within": "all", "at_most": "1 um"},
+    "orientation_spread": {"of": "spin", "at_most": "0.00001 deg"}, "success": {"at_least": 0.999},
+    "joint_torque": {"at_most": "0.5 N m"}, "limit_margin": {"at_least": "179 deg"},
+}  # fmt: skip
 UNWEIGHED = "scara"  # without masses, no torque
 HEAVY = ("ur10", "joint_torque")
-BOUNDS = [pair for pair in product(POINTS, BOUNDED) if pair not in ((UNWEIGHED, "joint_torque"), HEAVY)]
-ALWAYS = [("scara", kind) for kind in list(BOUNDED)[::3] if kind != "joint_torque"]
+BOUNDS = [pair for pair in product(("scara", "ur10"), BOUNDED) if pair not in ((UNWEIGHED, "joint_torque"), HEAVY)]
+ALWAYS = [("scara", "limit_margin")]  # two others: test_two_terms_that_fail_are_both_named
 
 
 def asked(robot: str, position: list[float], **task: Any) -> dict[str, Any]:
@@ -79,7 +70,7 @@ def test_every_term_has_a_case_that_cannot_be_met() -> None:
     assert {term.model_fields["kind"].annotation.__args__[0] for term in TERMS} == cases  # type: ignore[union-attr]
 
 
-every_robot = pytest.mark.parametrize("robot", conformance(POINTS, ["scara"]))
+every_robot = pytest.mark.parametrize("robot", conformance(["scara", "ur10"], ["scara"]))
 
 
 class TestWhatIsOffered:
@@ -94,15 +85,6 @@ class TestWhatIsOffered:
         solution = refused(data)
         (reason,) = solution.reasons
         assert reason.requirement.startswith(kind)
-        assert_all_do(data, solution)
-
-    @every_robot
-    def test_joints_that_are_held_elsewhere_are_named(self, robot: str) -> None:
-        data = asked(robot, POINTS[robot], subject_to=[{"kind": "fixed_joints", "values": HELD[robot]}])
-        solution = refused(data)
-        named = {reason.message.split()[0] for reason in solution.reasons}
-        assert named <= set(HELD[robot])
-        assert len(named) > 0
         assert_all_do(data, solution)
 
     @every_robot
@@ -132,36 +114,6 @@ class TestWhatIsOffered:
         assert_all_do(data, solution)
 
 
-@pytest.mark.conformance
-def test_the_move_is_the_least_one() -> None:
-    """No point nearer to the target is reached with the axis held: some points on a sphere of 99 % of the distance."""
-    data = asked("panda", FAR["panda"])
-    solution = refused(data)
-    wanted, distance = np.array(FAR["panda"]), solution.reasons[0].amount
-    rng = np.random.default_rng(5)
-    away = rng.normal(size=(8, 3))
-    away *= 0.99 * distance / np.linalg.norm(away, axis=1, keepdims=True)
-    selector = po.PostureSelector(po.problem_from_dict(data), compiled=False)
-    engine = selector.engine(selector.target)
-    for shift in away:
-        target = selector.target.with_position(wanted + shift)
-        Q, errors = engine.ik.solve(engine.ik.random_postures(200, rng), engine.request(target, 200, rng))
-        assert np.min(errors) > 1e-4, Q[np.argmin(errors)]
-
-
-@pytest.mark.long
-def test_a_wrist_below_its_height_is_raised_by_what_it_lacks() -> None:
-    """The last frame of a UR10 is its tool point: at 100 mm with the target, asked to be at 150 mm."""
-    data = asked("ur10", POINTS["ur10"], subject_to=[{"kind": "link_height", "at_least": "150 mm"}])
-    solution = refused(data)
-    move, bound = solution.relaxations
-    assert move.reasons[0].amount == pytest.approx(0.05, abs=1e-6)
-    assert move.change == "move the target by (0.0, 0.0, 50.0) mm, up"
-    assert bound.change == "set at_least of link_height to 100 mm (now 150 mm)"
-    assert said(solution)["selection.remedy"].text == "Move the target by (0.0, 0.0, 50.0) mm, up."
-    assert bound.change in solution.report()
-
-
 SOLIDS: dict[str, dict[str, Any]] = {
     "post": {"kind": "cylinder", "radius": "60 mm", "length": "0.6 m", "shift": [0.07, 0, 0.3]},
     "lid": {"kind": "box", "size": ["0.3 m", "0.3 m", "20 mm"], "shift": [0, 0, 0.1]},
@@ -171,8 +123,7 @@ SOLIDS: dict[str, dict[str, Any]] = {
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    ("robot", "name"),
-    conformance(product(POINTS, SOLIDS), [("scara", "post")]),
+    ("robot", "name"), conformance([("scara", "post"), ("scara", "lid"), ("panda", "ball")], [("scara", "post")])
 )
 def test_an_obstacle_is_named_and_a_move_gets_out_of_its_way(robot: str, name: str) -> None:
     solid = dict(SOLIDS[name])
@@ -208,17 +159,16 @@ def test_exact_distances_decide_where_no_posture_meets_their_lower_bounds() -> N
     assert reason.startswith(f"clearance to feeder is {gap:.2f} mm at most, and at least 24 mm is required")
 
 
-@pytest.mark.parametrize("table", [True, pytest.param(False, marks=pytest.mark.long)])
-def test_a_target_is_moved_along_its_table_and_not_into_it(table: bool) -> None:
+@pytest.mark.long
+def test_a_target_is_moved_along_its_table_and_not_into_it() -> None:
     """The nearest point that an arm reaches is lower: in the table, or below the plane that the arm stands on.
 
     With a long tool the wrist is above the shoulder, and reaches farther where it is lower.
     """
     data = asked("ur10", [1.4, 0.2, 0.0])
     data["robot"]["tool"] = {"xyz": ["0 m", "0 m", "0.25 m"]}
-    if table:
-        top = {"name": "table", "kind": "box", "size": ["3 m", "3 m", "40 mm"], "xyz": ["0 m", "0 m", "-20 mm"]}
-        data["cell"] = {"obstacles": [top]}
+    top = {"name": "table", "kind": "box", "size": ["3 m", "3 m", "40 mm"], "xyz": ["0 m", "0 m", "-20 mm"]}
+    data["cell"] = {"obstacles": [top]}
     solution = refused(data)
     moves = [r.to_json()["set"] for r in solution.relaxations if "task.position" in r.to_json()["set"]]
     assert moves
@@ -262,44 +212,21 @@ def test_a_mounting_plane_that_is_stated_is_lowered() -> None:
     assert_all_do(data, solution)
 
 
-@pytest.mark.conformance
-def test_links_that_touch_are_the_reason_and_not_the_joint_that_is_held() -> None:
-    """The joints that are held have no value nearby that does: it is the arm itself that is in the way."""
-    data = {
-        "robot": {"kind": "preset", "name": "panda", "tool": {"xyz": ["0 m", "0 m", "103.4 mm"]}},
-        "cell": {"obstacles": [], "clearance": "20 mm"},
-        "uncertainty": {"repeatability": "0.1 mm"},
-        "task": {
-            "kind": "measure",
-            "position": ["0.4 m", "0.1 m", "0.6 m"],
-            "subject_to": [{"kind": "fixed_joints", "values": {"panda_joint6": "0.3 rad", "panda_joint7": "45 deg"}}],
-        },
-    }
-    with pytest.raises(po.errors.NoSolutionError) as caught:
-        po.select_posture(po.problem_from_dict(data))
-    solution = caught.value.solution
-    assert [reason.requirement for reason in solution.reasons] == ["clearance of the arm to itself"]
-    assert all("17.19 deg (now 17.19 deg)" not in relaxation.change for relaxation in solution.relaxations)
-    assert_all_do(data, solution)
-
-
-@pytest.mark.parametrize(("robot", "task"), [
-    ("ur10e", {"tilt": "2 deg", "held": {"wrist_2": "-30 deg"}}),
-    pytest.param("iiwa7", {"kind": "drill", "held": {"joint_a1": "31 deg", "joint_a2": "27 deg"}},
-                 marks=pytest.mark.long),
-])  # fmt: skip
-def test_a_held_joint_does_not_free_the_tool_axis(robot: str, task: dict[str, Any]) -> None:
-    held = task.pop("held")
-    data = asked(robot, POINTS["panda"], **task, subject_to=[{"kind": "fixed_joints", "values": held}])
+@pytest.mark.long
+def test_a_held_joint_does_not_free_the_tool_axis() -> None:
+    held = {"wrist_2": "-30 deg"}
+    term = {"kind": "fixed_joints", "values": held}
+    data = asked("ur10e", POINTS["panda"], tilt="2 deg", subject_to=[term])
     data["robot"]["tool"] = {"xyz": ["0 m", "0 m", "120 mm"]}
     with pytest.raises(po.errors.NoSolutionError) as caught:
         po.select_posture(po.problem_from_dict(data))
     assert {reason.requirement for reason in caught.value.solution.reasons} <= {f"fixed_joints of {j}" for j in held}
 
 
-@pytest.mark.parametrize("side", [0.205, pytest.param(0.3, marks=pytest.mark.long)])
-def test_an_obstacle_about_the_arm_is_the_reason(side: float) -> None:
+@pytest.mark.long
+def test_an_obstacle_about_the_arm_is_the_reason() -> None:
     """The shoulder is 141 mm inside of a box about it, whatever the posture."""
+    side = 0.205
     data = asked("ur10e", [0.6, 0.2, 0.2], clearance="0.3 mm")
     cabinet = {"name": "cabinet", "kind": "box", "size": [f"{side} m"] * 3, "xyz": ["0 m", "0 m", "0.25 m"]}
     data["cell"] = {"clearance": "15 mm", "obstacles": [cabinet]}
@@ -307,40 +234,10 @@ def test_an_obstacle_about_the_arm_is_the_reason(side: float) -> None:
     assert [reason.requirement for reason in solution.reasons] == ["clearance to cabinet"]
     changes = {r.change.partition(" by ")[0] for r in solution.relaxations}
     assert {"remove obstacle cabinet"} <= changes <= {"remove obstacle cabinet", "move obstacle cabinet"}
-    assert side != 0.205 or "is -141.4 mm at most" in solution.reasons[0].message
+    assert "is -141.4 mm at most" in solution.reasons[0].message
     table = {**cabinet, "xyz": ["0 m", "0 m", f"{-side / 2} m"]}  # what the arm stands on may touch its first link
     data["cell"]["obstacles"] = [table]
     assert po.select_posture(po.problem_from_dict(data)).status == "optimal"
-
-
-@pytest.mark.long
-def test_the_reason_is_what_helps_where_it_gives() -> None:
-    data = asked("panda", [-0.4236, 0.4601, 0.1656], kind="drill")
-    data["robot"]["tool"] = {"xyz": ["0 m", "0 m", "0.1327 m"]}
-    place = ["-0.3018 m", "0.2763 m", "0.5 m"]
-    post = {"name": "post", "kind": "cylinder", "radius": "50 mm", "length": "1 m", "xyz": place}
-    data["cell"] = {"clearance": "195 mm", "obstacles": [post]}
-    first = refused(data).reasons[0].message
-    assert first.startswith("clearance to post is 30.19 mm at most, and at least 195 mm is required")
-
-
-def test_a_pair_that_keeps_less_lacks_what_it_overlaps() -> None:
-    """A fore-arm that is stated so thick that a tool overlaps it as soon as the wrist bends."""
-    data = asked("irb1200", [0.66, 0.1, 0.16])
-    arm = {
-        "joint": "joint_4",
-        "from": ["4 mm", "-28 mm", "-1 mm"],
-        "to": ["4 mm", "-128 mm", "-1 mm"],
-        "radius": "138 mm",
-    }
-    data["robot"] |= {"tool": {"xyz": ["0 m", "0 m", "150 mm"], "radius": "20 mm"}, "shape": {"add": [arm]}}
-    data["cell"] = {"clearance": "10 mm", "obstacles": []}
-    solution = refused(data)
-    scene, (reason,) = solution.problem.scene, solution.reasons
-    assert reason.message.endswith("mm at most, and at least 0 mm is required, between joint_4 and tool")
-    pairs = zip(brute_force.distances(scene, solution.q), scene.pairs, strict=True)
-    depth = min(distance for distance, pair in pairs if pair == ("joint_4", "tool"))
-    assert float(reason.message.split()[7]) == pytest.approx(1e3 * depth, abs=0.1)
 
 
 def test_what_does_not_do_is_not_offered(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -373,12 +270,12 @@ def test_two_numbers_of_a_message_differ_where_they_differ() -> None:
     assert shown_apart(0.1, 0.1, "m")[0] == shown_apart(0.1, 0.1, "m")[1]
 
 
-@pytest.mark.parametrize("robot", conformance(["irb1200", "vs087", "kr6_r900", "m10id", "tx2_60", "gp25"], ["tx2_60"]))
+@pytest.mark.parametrize("robot", conformance(["irb1200", "m10id", "tx2_60"], ["tx2_60"]))
 def test_an_assumed_tool_does_not_keep_the_wrist_from_bending(robot: str) -> None:
     """Only its axis is sure: with a stated radius of 20 mm an IRB 1200 reached 1 of 30 targets from above."""
     reach = po.problem_from_dict({"robot": {"kind": "preset", "name": robot}}).robot.length
     rng, rise = np.random.default_rng(11), 0.45 if robot == "m10id" else 0.0  # whose base frame is at its shoulder
-    for angle, out, up in rng.uniform([-1, 0.33, 0.1], [1, 0.5, 0.25], (4, 3)):
+    for angle, out, up in rng.uniform([-1, 0.33, 0.1], [1, 0.5, 0.25], (2, 3)):
         point = [reach * out * math.cos(angle), reach * out * math.sin(angle), reach * up - rise]
         data = asked(robot, point)
         data["robot"]["tool"] = {"xyz": ["0 m", "0 m", "150 mm"]}

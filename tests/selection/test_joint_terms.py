@@ -11,9 +11,9 @@ import pinocchio
 import pytest
 
 import posture_opt as po
-from posture_opt.selection.terms import TERMS, Term
+from posture_opt.selection.terms import Term
 from posture_opt.selection.terms.arm_terms import JointTorque
-from posture_opt.selection.terms.spreads import OrientationSpread, Success
+from posture_opt.selection.terms.spreads import OrientationSpread
 from tests.helpers.pin import PinArm, robots_folder
 from tests.helpers.said import said
 from tests.helpers.sampled import sampled_pose
@@ -22,7 +22,7 @@ from tests.helpers.variants import conformance
 SCARA = {"position": ["0.25 m", "0.1 m", "-0.05 m"]}
 UR10 = {"position": ["0.6 m", "0.2 m", "0.2 m"]}
 PANDA = {"position": ["0.5 m", "0.1 m", "0.2 m"]}
-SAMPLED = [("ur10", UR10), ("panda", PANDA), ("scara", SCARA)]
+SAMPLED = [("panda", PANDA), ("scara", SCARA)]
 
 
 def problem(robot: Any = "ur10", **task: Any) -> Any:
@@ -61,13 +61,8 @@ def test_torques_of_gravity_are_pinocchios() -> None:
         np.testing.assert_allclose(values(given, JointTorque(kind="joint_torque"), q), expected, atol=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("robot", "target", "joint"),
-    conformance(
-        [("ur10", UR10, "shoulder_lift"), ("panda", PANDA, "panda_joint3")], [("panda", PANDA, "panda_joint3")]
-    ),
-)
-def test_a_bound_on_one_torque_is_kept_and_costs_spread(robot: str, target: dict[str, Any], joint: str) -> None:
+def test_a_bound_on_one_torque_is_kept_and_costs_spread() -> None:
+    robot, target, joint = "panda", PANDA, "panda_joint3"
     free = po.select_posture(problem(robot, **target, payload="3 kg"))
     index = free.problem.robot.joint_names.index(joint)
     before = values(free.problem, JointTorque(kind="joint_torque"), free.q)
@@ -84,15 +79,11 @@ def test_torque_without_masses_and_of_a_prismatic_joint_is_refused() -> None:
         problem("scara", **SCARA, subject_to=[{"kind": "joint_torque", "at_most": "5 N m"}])
     joints = [
         {
-            "name": "lift",
-            "type": "prismatic",
-            "theta": "0 deg",
-            "a": "0 m",
-            "alpha": "90 deg",
+            "name": "lift", "type": "prismatic", "theta": "0 deg", "a": "0 m", "alpha": "90 deg",
             "limits": ["0 m", "1 m"],
         },
         {"name": "arm", "type": "revolute", "d": "0 m", "a": "1 m", "alpha": "0 deg"},
-    ]
+    ]  # fmt: skip
     weighed = [{**joint, "mass": "2 kg", "com": ["0 m", "0 m", "0 m"]} for joint in joints]
     with pytest.raises(po.errors.InputError, match=r"lift is prismatic.*leave it out"):
         problem({"kind": "dh", "joints": weighed}, subject_to=[{"kind": "joint_torque", "at_most": {"lift": "5 N m"}}])
@@ -101,7 +92,7 @@ def test_torque_without_masses_and_of_a_prismatic_joint_is_refused() -> None:
 # --- orientation --------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("robot", "target"), conformance(SAMPLED, SAMPLED[1:]))
+@pytest.mark.parametrize(("robot", "target"), conformance(SAMPLED, SAMPLED[:1]))
 def test_orientation_spread_is_that_of_sampled_poses(robot: str, target: dict[str, Any]) -> None:
     given = problem(robot, **target)
     q = np.random.default_rng(3).uniform(given.robot.lower, given.robot.upper).clip(-2, 2)
@@ -133,6 +124,7 @@ def test_the_orientation_that_is_told_is_that_of_sampled_poses(robot: str, targe
     assert "selection.orientation-first-order" in said(solution)
 
 
+@pytest.mark.long
 def test_a_bound_on_the_tilt_chooses_another_posture() -> None:
     tilt = OrientationSpread(kind="orientation_spread")
     given = problem("panda", **PANDA, tilt="20 deg", direction=[1, 0, -1])
@@ -221,21 +213,6 @@ def test_joints_with_dots_in_their_names_can_be_named() -> None:
 # --- probability ---
 
 
-@pytest.mark.long
-def test_success_is_bounded_in_terms_of_the_probability() -> None:
-    task = {**SCARA, "clearance": "0.04 mm"}
-    free = po.select_posture(problem("scara", **task))
-    assert free.success_probability is not None
-    assert Success(kind="success").shown(values(free.problem, Success(kind="success"), free.q)[0]) == pytest.approx(
-        free.success_probability, rel=1e-6
-    )
-    most = {"kind": "success", "at_least": min(1.01 * free.success_probability, 0.99999)}
-    with pytest.raises(po.errors.NoSolutionError, match=r"success is \d\d\.\d+ % at most, and at least"):
-        po.select_posture(problem("scara", **task, subject_to=[most]))
-    met = {"kind": "success", "at_least": 0.99 * free.success_probability}
-    assert po.select_posture(problem("scara", **task, subject_to=[met])).status == "optimal"
-
-
 def test_success_without_a_hole_is_refused() -> None:
     with pytest.raises(po.errors.InputError, match="needs the clearance"):
         po.select_posture(problem("scara", **SCARA, subject_to=[{"kind": "success", "at_least": 0.9}]))
@@ -243,34 +220,9 @@ def test_success_without_a_hole_is_refused() -> None:
 
 # --- all ----------------------------------------------------------------------------------------------------------
 
-IMPOSSIBLE: dict[str, dict[str, Any]] = {
-    "spread": {"within": "along", "at_most": "1 um"},
-    "orientation_spread": {"at_most": "0.0005 deg"},
-    "success": {"at_least": 0.999999999},
-    "limit_margin": {"at_least": "300 deg"},
-    "link_height": {"at_least": "3 m"},
-    "singularity_margin": {"at_least": "3 m"},
-    "manipulability": {"at_least": "3 m"},
-    "joint_torque": {"at_most": "20 N m"},
-    "near_posture": {"posture": {"elbow": "170 deg"}, "at_most": "1 deg"},
-    "fixed_joints": {"values": {"elbow": "170 deg"}},
-}
-
-
-@pytest.mark.conformance  # always, with another arm: test_infeasible.py
-@pytest.mark.parametrize("listed", TERMS, ids=lambda term: term.__name__)
-def test_what_cannot_be_met_is_named(listed: type[Term]) -> None:
-    kind = listed.model_fields["kind"].annotation.__args__[0]  # type: ignore[union-attr]
-    given = problem(**UR10, clearance="0.02 mm", subject_to=[{"kind": kind, **IMPOSSIBLE[kind]}])
-    with pytest.raises(po.errors.NoSolutionError) as caught:
-        po.select_posture(given)
-    named = "elbow" if kind == "fixed_joints" else kind
-    assert named in caught.value.solution.reasons[0].requirement
-
 
 def test_a_margin_of_limits_leaves_out_joints_that_are_held() -> None:
-    further = [{"kind": "fixed_joints", "values": {"wrist_3": "30 deg"}}, {"kind": "limit_margin", "at_least": "5 deg"}]
-    stated = po.load_problem("insert_ur10").replace(task__subject_to=further)
-    found = po.select_posture(stated)
+    further = [{"kind": "fixed_joints", "values": {"joint4": "30 deg"}}, {"kind": "limit_margin", "at_least": "5 deg"}]
+    found = po.select_posture(problem("scara", **SCARA, subject_to=further))
     assert found.status == "optimal"
-    assert found.posture["wrist_3"] == pytest.approx(np.radians(30))
+    assert found.posture["joint4"] == pytest.approx(np.radians(30))

@@ -13,20 +13,17 @@ from tests.helpers.said import said
 from tests.helpers.variants import conformance
 
 TARGETS: dict[str, Any] = {
-    # nine makers -> two targets [m]
-    "irb120": ((0.4, 0.1, 0.2), (0.3, 0.3, 0.3)),
-    "m10id": ((0.99, -0.156, 0.285), (0.7, -0.4, 0.3)),
+    # six makers -> targets [m]
+    "irb120": ((0.3, 0.3, 0.3),),
+    "m10id": ((0.99, -0.156, 0.285),),
     "kr6_r900": ((0.5, 0.1, 0.2), (0.4, -0.4, 0.3)),
-    "gp7": ((0.5, 0.4, 0.3), (0.359, 0.325, -0.058)),
-    "vs060": ((0.35, 0.1, 0.1), (0.3, 0.2, 0.1)),
-    "tx2_90": ((0.47, 0.22, -0.04), (0.37, -0.34, 0.15)),
+    "gp7": ((0.359, 0.325, -0.058),),
     "panda": ((0.5, 0.1, 0.2), (0.4, -0.3, 0.3)),
-    "gen3": ((0.4, 0.1, 0.2), (0.35, -0.3, 0.3)),
-    "xarm7": ((0.4, 0.1, 0.2), (0.3, 0.3, 0.3)),
+    "gen3": ((0.4, 0.1, 0.2),),
 }
 AXIS_DOWN = ("kr6_r900", "gen3")  # the first axis
 PLACES = [(robot, place) for robot, places in TARGETS.items() for place in places]
-ALWAYS = [("kr6_r900", (0.5, 0.1, 0.2)), ("gp7", (0.359, 0.325, -0.058)), ("panda", (0.5, 0.1, 0.2))]
+ALWAYS = [("kr6_r900", (0.5, 0.1, 0.2)), ("gp7", (0.359, 0.325, -0.058))]
 
 
 def problem(robot: str, position: Any = None, **task: Any) -> Any:
@@ -63,25 +60,6 @@ def test_the_first_answer_is_ordinary_or_that_costs_more_than_the_share(robot: s
         assert insisted.best_of_all is None or insisted.sigma_max > 1.03 * best.sigma_max * (1 - 1e-3)
 
 
-def test_no_ordinary_posture_that_is_sampled_is_better() -> None:
-    """KUKA's arm over its back at 169 degrees; at the target only the spin and the branch are free."""
-    given = problem("kr6_r900", (0.5, 0.1, 0.2))
-    solution = po.select_posture(given)
-    selector = po.PostureSelector(given, compiled=False)
-    engine = selector.engine(selector.target)
-    rng = np.random.default_rng(0)
-    Q, errors = engine.ik.solve(engine.ik.random_postures(400, rng), engine.request(selector.target, 400, rng))
-    found = [c for c in engine.candidates(Q[errors < 1e-7], selector.target) if c.feasible]
-    faced = [c.sigma for c in found if math.cos(math.atan2(0.1, 0.5) + c.q[0]) >= 0]
-    assert ordinary("kr6_r900", solution)
-    assert len(faced) > 20
-    assert solution.sigma_max <= min(faced) * (1 + 1e-6)
-    confirmation = solution.statistics.confirmation
-    assert solution.status == "optimal"
-    assert confirmation is not None
-    assert confirmation.agrees < 1e-6
-
-
 def test_report_and_document_name_the_best_of_all() -> None:
     solution = po.select_posture(problem("panda", (0.5, 0.1, 0.2)))
     assert said(solution).keys() >= {"selection.ordinary-posture", "selection.best-of-all"}
@@ -97,8 +75,6 @@ def test_report_and_document_name_the_best_of_all() -> None:
 
 def test_alternatives_have_one_posture_a_configuration() -> None:
     """Of a workpiece that may stand anywhere, one of each spread: turned about the first axis a posture is the same."""
-    fixed = po.select_posture(problem("kr6_r900", (0.5, 0.1, 0.2))).alternatives
-    assert len({other.configuration for other in fixed}) == len(fixed) > 1
     moved = po.select_posture(po.load_problem("custom_planar_2r")).alternatives
     assert [other.configuration for other in moved] == [("elbow left",), ("elbow right",)]
 

@@ -1,20 +1,18 @@
-"""One task planned with several models of a planar arm, whose misses are known in closed form."""
+"""One task for several arms or models: each answer is its own solve, judged by closed forms and Monte Carlo."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 
 import posture_opt as po
 from posture_opt.robot.corrections import deviated
-from posture_opt.selection.comparison import compare
-from posture_opt.selection.comparison.predicted_error import JudgedAnswer, judged_answer
-from posture_opt.selection.problem_data import ProblemData
 from posture_opt.uncertainty.sources import Sources
 from tests.helpers.planar_2r import position
+from tests.helpers.said import said
 
 LONGER = 3e-4  # m of the second link
 
@@ -57,30 +55,6 @@ def test_the_last_model_judges_every_posture(models: dict[str, po.Problem]) -> N
     assert document["nominal"]["success_probability"] is None
 
 
-def test_judgements_are_made_when_they_are_asked_for(
-    models: dict[str, po.Problem], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    asked: list[ProblemData] = []
-
-    def judged(problem: ProblemData, *others: Any) -> JudgedAnswer:
-        asked.append(problem)
-        return judged_answer(problem, *others)
-
-    monkeypatch.setattr(compare, "judged_answer", judged)
-    found = po.compare_plans(models)
-    assert found is not None
-    assert not asked
-    found.to_json()
-    assert len(asked) == 2, "each plan by the reference"
-    judgements = found.answered["nominal"].judged
-    assert list(judgements) == ["nominal", "calibrated"]
-    assert "nominal" in judgements
-    assert "other" not in judgements
-    own = judgements["nominal"]
-    assert judgements["nominal"] is own
-    assert len(asked) == 3
-
-
 def test_a_model_without_scatter_takes_that_of_the_reference(models: dict[str, po.Problem]) -> None:
     silent = replace(models["nominal"], sources=Sources())
     with_own, without = (
@@ -103,3 +77,72 @@ def test_why_a_model_has_no_posture_is_told_once_with_the_hint(models: dict[str,
     assert only_one is not None
     assert list(only_one.answered) == ["calibrated"]
     assert only_one.reasons == found.reasons[:1]
+
+
+TASK = {"kind": "insert", "direction": [0, -1, 0], "position": ["0.9 m", "0.7 m", "0 m"], "clearance": "10 mm"}
+NAMES = {"joint1.theta": "2 mrad", "joint2.theta": "2 mrad"}
+
+
+def planar(*, task: dict | None = None, corrections: dict | None = None, sigma: dict | None = None) -> po.Problem:
+    robot = {"kind": "preset", "name": "planar_2r", **({"corrections": corrections} if corrections else {})}
+    data = {"robot": robot, "uncertainty": {"sigma": sigma or NAMES}}
+    return po.problem_from_dict({**data, **({"task": task} if task else {})})
+
+
+def test_every_arm_has_its_own_best_posture():
+    rough, fine = planar(task=TASK), planar(task=TASK, sigma={"joint1.theta": "1 mrad", "joint2.theta": "4 mrad"})
+    found = po.compare({"rough": rough, "fine": fine})
+    for name, problem in (("rough", rough), ("fine", fine)):
+        alone = po.select_posture(problem)
+        assert found.arms[name].answer.posture == pytest.approx(alone.posture, abs=1e-9)
+        assert found.arms[name].judged[name].sigma_max == pytest.approx(alone.critical.sigma_max, rel=1e-9)
+    sigmas = {name: arm.judged[name].sigma_max for name, arm in found.arms.items()}
+    assert found.best == min(sigmas, key=sigmas.get)
+
+
+def test_a_judgement_is_where_the_other_arm_lands():
+    nominal = planar(task=TASK)
+    true = planar(
+        task=TASK, corrections={"joint1.a": "4 mm", "joint2.theta": "3 mrad"}, sigma={"joint2.theta": "1 mrad"}
+    )
+    found = po.compare({"nominal": nominal, "true": true})
+    plan = found.arms["nominal"].judged["true"]
+    q1, q2 = found.arms["nominal"].answer.posture.values()
+    # The planar arm by hand, its first link 4 mm longer and its second joint 3 mrad off.
+    angles = q1 + q2 + 3e-3 + np.random.default_rng(0).normal(0, 1e-3, 200_000)
+    x = 1.004 * math.cos(q1) + np.cos(angles) - 0.9
+    assert plan.distance == pytest.approx(abs(x.mean()), rel=1e-3)
+    assert plan.sigma_max == pytest.approx(x.std(), rel=0.01)
+    assert plan.success_probability == pytest.approx(np.mean(np.abs(x) <= 10e-3), abs=5e-3)
+    assert np.mean(np.abs(x) <= plan.critical_error) == pytest.approx(0.95, abs=3e-3)
+    assert found.arms["true"].judged["true"].distance < 1e-5
+
+
+def test_the_task_of_the_first_goes_to_all():
+    other = planar(task={**TASK, "position": ["1.2 m", "0.2 m", "0 m"]})
+    found = po.compare({"a": planar(task=TASK), "b": other, "c": planar()})
+    assert np.allclose(found.arms["b"].answer.target.lower, [0.9, 0.7, 0.0])
+    told = [(note.id, note.values["arm"]) for note in found.notes]
+    assert told == [("selection.task-replaced", "b"), ("selection.task-shared", "c")]
+
+
+def test_an_arm_that_cannot_is_told_with_its_reason():
+    joints = [
+        {"name": name, "type": "revolute", "a": "0.2 m", "alpha": "0 deg", "d": "0 m", "theta": "0 deg"}
+        for name in ("j1", "j2")
+    ]
+    short = {"kind": "dh", "joints": joints}
+    small = po.problem_from_dict({"robot": short, "uncertainty": {"sigma": {"j1.theta": "1 mrad"}}})
+    found = po.compare({"long": planar(task=TASK), "short": small})
+    assert found.arms["short"].answer is None
+    assert found.best == "long"
+    assert said(found)["selection.arm-cannot"].about == "short"
+    with pytest.raises(po.errors.NoSolutionError, match="short: "):
+        po.compare({"short": small.with_task(**TASK), "other": small})
+
+
+def test_no_task_and_one_problem_are_refused():
+    with pytest.raises(po.errors.InputError, match="no task to compare"):
+        po.compare({"a": planar(), "b": planar(task=TASK)})
+    with pytest.raises(po.errors.InputError, match="two problems"):
+        po.compare({"a": planar(task=TASK)})

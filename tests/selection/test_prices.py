@@ -29,30 +29,16 @@ def set_tilt(data: dict[str, Any], more: float) -> None:
     data["task"]["tilt"] = f"{tilt + more!r} rad"
 
 
-def set_region(axis: int, side: str) -> Callable[[dict[str, Any], float], None]:
-    def change(data: dict[str, Any], more: float) -> None:
-        corner = data["task"]["region"]["max" if side == "upper" else "min"]
-        value = float(corner[axis].split()[0]) + (more if side == "upper" else -more)
-        corner[axis] = f"{value!r} m"
-
-    return change
-
-
 def set_ceiling(data: dict[str, Any], more: float) -> None:
     ceiling = data["cell"]["obstacles"][0]
     ceiling["offset"] = f"{float(ceiling['offset'].split()[0]) - more!r} m"
 
 
 CEILING = {"name": "ceiling", "kind": "half_space", "normal": [0, 0, -1], "offset": "-0.68 m"}
-BOX = {"min": ["0.55 m", "0.05 m", "0.1 m"], "max": ["0.65 m", "0.2 m", "0.2 m"]}
 CASES: dict[str, tuple[dict[str, Any], dict[str, Callable[[dict[str, Any], float], None]]]] = {
     "tilt": (
         document("irb120", {"position": ["0.35 m", "0.1 m", "0.2 m"], "tilt": f"{8 * DEGREE!r} rad"}),
         {"tilt": set_tilt},
-    ),
-    "region": (
-        document("ur10", {"region": BOX}),
-        {"region.x": set_region(0, "upper")},
     ),
     "ceiling": (
         document("panda", {"position": ["0.5 m", "0.1 m", "0.2 m"]},
@@ -82,20 +68,6 @@ def test_prices_are_those_of_new_solves(name: str) -> None:
         whole = copy.deepcopy(data)
         change(whole, price.step)
         assert price.gain == pytest.approx(found.sigma_max - solved(whole, starts=8).sigma_max, rel=0.05)
-
-
-@pytest.mark.long
-def test_a_degree_of_tilt_has_a_price_where_none_is_allowed() -> None:
-    data = document("ur5e", {"position": ["0.4 m", "-0.25 m", "0.2 m"], "tilt": "0 rad"})
-    found = solved(data)
-    (price,) = [price for price in found.prices if price.requirement == "tilt"]
-    sigma = {}
-    for degrees in (0.1, 1.0):
-        other = copy.deepcopy(data)
-        set_tilt(other, degrees * DEGREE)
-        sigma[degrees] = solved(other, starts=8).sigma_max
-    assert price.value == pytest.approx((found.sigma_max - sigma[0.1]) / (0.1 * DEGREE), rel=0.02)
-    assert price.gain == pytest.approx(found.sigma_max - sigma[1.0], rel=0.05)
 
 
 def planar_3r(limit: float) -> dict[str, Any]:

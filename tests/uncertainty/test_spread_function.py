@@ -14,7 +14,7 @@ from tests.helpers.factors import random_postures
 from tests.helpers.moments import correlated, errors_of, planar
 from tests.helpers.shipped import preset_robot
 from tests.helpers.stated import stated
-from tests.helpers.variants import STRUCTURES, conformance
+from tests.helpers.variants import conformance
 
 needs_compiler = pytest.mark.skipif(not find_compiler(), reason="no C compiler on this machine")
 
@@ -25,10 +25,10 @@ def problem(name, angle=0.05, length=0.01, kinds=("theta", "a", "d"), coupled=Fa
     return stated(robot=robot, sources=correlated(sources) if coupled else sources)
 
 
-CASES = [(name, False) for name in STRUCTURES] + [("planar_2r", True), ("scara", True), ("ur5", True)]
+CASES = [(name, False) for name in ("scara", "ur10", "panda")] + [("planar_2r", True), ("scara", True), ("ur5", True)]
 
 
-ALWAYS = [("planar_2r", False), ("scara", False), ("ur10", False), ("planar_2r", True), ("scara", True), ("ur5", True)]
+ALWAYS = [("scara", False), ("planar_2r", True), ("ur5", True)]
 
 
 @pytest.mark.parametrize(
@@ -110,41 +110,11 @@ def test_nothing_uncertain_is_refused_and_no_variance_is_zero():
     np.testing.assert_array_equal(still.first_order([[0.1, 0.2]]), np.zeros((1, 3, 3)))
 
 
-def drawn_points(given, q, count, seed):
-    """(count, 3) tool points of Gaussian errors at one posture: the chain written out, all draws side by side."""
-    rng = np.random.default_rng(seed)
-    errors = rng.multivariate_normal(np.zeros(len(given.sources.names)), given.sources.covariance, count, method="svd")
-    column = dict(zip(given.sources.names, errors.T, strict=True))
-    p = np.zeros((3, count))
-    for factor in reversed(given.robot.factors):
-        value = (
-            factor.nominal + (q[factor.joint] if factor.joint is not None else 0.0) + column.get(factor.parameter, 0.0)
-        )
-        if factor.kind == "translate":
-            p[factor.axis] += value
-            continue
-        i, j = (factor.axis + 1) % 3, (factor.axis + 2) % 3
-        p[i], p[j] = np.cos(value) * p[i] - np.sin(value) * p[j], np.sin(value) * p[i] + np.cos(value) * p[j]
-    return p.T
-
-
 def along_any_direction(C, reference):
     """Largest relative difference of the variance along any direction."""
     values, axes = np.linalg.eigh(reference)
     W = axes / np.sqrt(values)
     return np.abs(np.linalg.eigvalsh(W.T @ (C - reference) @ W)).max()
-
-
-@pytest.mark.long
-def test_dense_correlations_of_ten_degrees_are_those_of_drawn_arms():
-    """Eighteen errors that all vary together: to 1 % of the variance along any direction, beside the scatter."""
-    given = problem("ur5", angle=np.radians(10), length=0.001, coupled=True)
-    spread_at = po.SpreadFunction(given, compiled=False)
-    assert spread_at.relative_error < 0.01
-    q = random_postures(given.robot, 1)[0]
-    drawn = np.cov(drawn_points(given, q, 300_000, 1).T)
-    assert along_any_direction(spread_at(q), drawn) < 0.01 + 2 * np.sqrt(2 / 300_000)
-    assert np.trace(spread_at(q)) == pytest.approx(np.trace(drawn), rel=0.01)
 
 
 @pytest.mark.long

@@ -9,9 +9,11 @@ import pytest
 
 import posture_opt as po
 from posture_opt.measurements.measurements import group_means
+from posture_opt.validation.accuracy_map import measured_errors
 from posture_opt.validation.model_errors import block_tests, holm_rejections, mean_test, trend_line
+from tests.helpers.instruments import TrueArm, distance_table
 from tests.helpers.planar_2r import position, postures_at
-from tests.helpers.real_arms import DATA, needs_real_arms
+from tests.helpers.real_arms import DATA, long_on_real_arms
 
 NOISE = 2e-5  # m, of each measured coordinate
 SHAKE = np.array([1e-4, 2e-4])  # rad, of the joints from repeat to repeat
@@ -19,14 +21,14 @@ LONGER = 3e-3  # m: what the second link has more than the problem file says
 JOINTS = [{"name": f"joint{k}", "type": "revolute", "a": "1 m"} for k in (1, 2)]
 
 
-def planar(direction: tuple[int, ...] = (0, -1, 0)) -> Any:
+def planar() -> Any:
     document = {
         "robot": {"kind": "dh", "joints": JOINTS},
         "uncertainty": {
             "sigma": {"joint1.theta": "0.1 mrad", "joint2.theta": "0.2 mrad"},
             "measurement": {"position": "0.02 mm"},
         },
-        **({"task": {"kind": "insert", "direction": list(direction)}} if direction else {}),
+        "task": {"kind": "insert", "direction": [0, -1, 0]},
     }
     return po.problem_from_dict(document)
 
@@ -261,7 +263,7 @@ def test_what_remains_is_drawn_for_the_samples_there_are(assessed: Any) -> None:
     assert found.residual_scatter.inside == pytest.approx(0.95, abs=0.03)
 
 
-@needs_real_arms
+@long_on_real_arms
 def test_ur10_lands_two_millimetres_apart_in_two_postures() -> None:
     problem = po.load_problem(DATA / "ipa_ur10" / "problem.yaml")
     data = po.read_measurements(DATA / "ipa_ur10" / "series_b.csv", problem)
@@ -331,3 +333,10 @@ def test_play_of_a_joint_shows_in_the_side_that_it_arrives_from(play: float) -> 
     assert second.found == (play > 0)
     # On a lever of 1 m from -0.1 mrad to 0.1 mrad; the fit takes none of it, as the side is drawn by lot.
     assert second.difference == pytest.approx(2 * play, abs=4 * second.error)
+
+
+def test_distances_are_not_set_against_a_map() -> None:
+    problem = po.problem_from_dict({"robot": {"kind": "preset", "name": "ur10"}})
+    data = po.read_measurements(distance_table(TrueArm(), np.random.default_rng(0), 2, 0.0), problem)
+    with pytest.raises(po.errors.InputError, match="a map predicts positions, and these rows are distances"):
+        measured_errors(problem, problem, data, None, np.zeros((0, 3, 3)), None)  # type: ignore[arg-type]
