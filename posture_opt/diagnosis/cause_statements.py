@@ -173,10 +173,11 @@ def cause_statements(found: Diagnosis) -> Iterator[Statement]:
         yield state("diagnosis.inspect", finding.target, number=number, what=what.rstrip(".?"))
     for joints, shared in shared_by_neighbours(found.effects, found.request.data.joint_names):
         yield state("diagnosis.in-common", joints=joints, numbers=numbers_of(found, shared))
-    for finding, action in actions:
-        if action.reason == "implausible":
-            (number,) = numbers_of(found, [finding])
-            yield state("diagnosis.implausible", finding.target, number=number, need=finding.would_need)
+    ignored = [finding for finding, action in actions if action.reason == "implausible"]
+    for need in dict.fromkeys(finding.would_need for finding in ignored):
+        those = [finding for finding in ignored if finding.would_need == need]
+        about = those[0].target if len(those) == 1 else ""
+        yield state("diagnosis.implausible", about, numbers=numbers_of(found, those), need=need)
     if "unconfirmed" in because:
         yield state("diagnosis.unconfirmed", numbers=because["unconfirmed"])
     if "size_of_catalogues" in because:

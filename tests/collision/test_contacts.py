@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 
 from posture_opt.collision.contacts import ContactSlack
-from posture_opt.model.toolchain import find_compiler
 from posture_opt.robot.posture import drawn_between
 from tests.helpers import brute_force
 from tests.helpers.cells import GROUND, LAMP, POST, TABLE, problem_in_cell
-from tests.helpers.variants import conformance
+from tests.helpers.variants import conformance, needs_compiler
 
-pytestmark = pytest.mark.skipif(not find_compiler(), reason="no C compiler on this machine")
+pytestmark = needs_compiler
 
 TILTED = {**TABLE, "name": "flap", "rpy": ["20 deg", "-35 deg", "70 deg"], "xyz": ["0.2 m", "-0.6 m", "0.4 m"]}
 LYING = {**POST, "name": "pipe", "rpy": ["90 deg", "30 deg", "0 deg"], "xyz": ["0.1 m", "0.5 m", "0.9 m"]}

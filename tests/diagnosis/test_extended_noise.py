@@ -11,8 +11,8 @@ import pytest
 import yaml
 
 import posture_opt as po
-from posture_opt.uncertainty.sources import Sources
 from tests.helpers.planar_files import SHORT
+from tests.helpers.stated import Sources
 
 LENGTHS = (0.5, 0.4)
 INSTRUMENT = 2e-5  # m

@@ -5,11 +5,10 @@ from __future__ import annotations
 import random
 
 from posture_opt.export import EXPORTS
-from posture_opt.problem.yaml_source import dump_yaml
 from tests.fuzz.bases import Base, bases
 from tests.fuzz.case import Case
 from tests.fuzz.text_faults import spoil
-from tests.fuzz.yaml_cases import change, plain
+from tests.fuzz.yaml_cases import change, text_of
 
 _CHECKPOINTS = (b"", b"\n", b"{}", b'{"a": 1}\n', b"\x00" * 40, b"[" * 2000, b"posture_opt\n{}\n")
 
@@ -22,7 +21,7 @@ def batch_case(rng: random.Random, number: int) -> Case:
         data = base.copy()
         for _ in range(rng.choice((0, 0, 1))):
             change(rng, data)
-        text = dump_yaml(plain(data)).encode("utf-8", "surrogatepass")
+        text = text_of(data)
         files |= {f"{k}.yaml": spoil(rng, text) if rng.random() < 0.05 else text, **base.files}
     words, kept = _words(rng, [f"{k}.yaml" for k in range(len(chosen))])
     if kept and rng.random() < 0.4:

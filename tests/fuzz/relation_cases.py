@@ -9,10 +9,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
-from posture_opt.problem.yaml_source import dump_yaml
 from tests.fuzz.bases import Base, bases
 from tests.fuzz.case import Case, Similarity
-from tests.fuzz.yaml_cases import FILE, plain
+from tests.fuzz.yaml_cases import FILE, text_of
 
 _QUANTITY = re.compile(r"(-?[\d.]+(?:[eE][+-]?\d+)?) (m|mm|um|cm|deg|rad|mrad|arcsec)")
 _IN_SI = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "cm": 1e-2, "deg": math.pi / 180, "rad": 1.0, "mrad": 1e-3,
@@ -54,7 +53,7 @@ def relation_case(rng: random.Random, number: int) -> Case:
 
 
 def _case(number: int, base: Base, ask: Ask, words: tuple[str, ...]) -> Case:
-    text = dump_yaml(plain(ask.data)).encode("utf-8")
+    text = text_of(ask.data)
     return Case("relation", number, words, {FILE: text, **base.files})
 
 

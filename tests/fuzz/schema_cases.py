@@ -7,11 +7,10 @@ from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
-from posture_opt.problem.yaml_source import dump_yaml
 from tests.fuzz.bases import Base, bases
 from tests.fuzz.case import Case
 from tests.fuzz.sections import made, resolved
-from tests.fuzz.yaml_cases import FILE, command_words, plain
+from tests.fuzz.yaml_cases import FILE, command_words, text_of
 from tests.helpers.shipped import json_schema
 
 Step = tuple[str, Any]
@@ -45,7 +44,7 @@ def schema_case(rng: random.Random, number: int) -> Case:
     way = ways[number * 7919 % len(ways)]  # a prime: few cases reach all sections too
     base = rng.choice(bases())
     data = _with(rng, json_schema(), base.copy(), way, base.joints, "")
-    text = dump_yaml(plain(data)).encode("utf-8", "surrogatepass")
+    text = text_of(data)
     words, out = _solved(base) if rng.random() < 0.03 else command_words(rng, base)
     return Case("schema", number, words, {FILE: text, **base.files}, out)
 

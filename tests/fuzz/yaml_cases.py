@@ -42,7 +42,7 @@ def yaml_case(rng: random.Random, number: int) -> Case:
         data[name] = rng.choice(bases()).copy().get(name)
     for _ in range(rng.choice((0, 1, 1, 1, 2, 3))):
         change(rng, data)
-    text = dump_yaml(plain(data)).encode("utf-8", "surrogatepass")
+    text = text_of(data)
     if rng.random() < 0.12:
         text = _with_snippet(rng, text)
     if rng.random() < 0.12:
@@ -187,6 +187,11 @@ def _copied(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: _copied(entry) for key, entry in value.items()}
     return [_copied(entry) for entry in value] if isinstance(value, list) else value
+
+
+def text_of(data: Any) -> bytes:
+    """The YAML of a document, whatever characters it has."""
+    return dump_yaml(plain(data)).encode("utf-8", "surrogatepass")
 
 
 def plain(value: Any) -> Any:

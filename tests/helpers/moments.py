@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from posture_opt.uncertainty.sources import Sources
 from tests.helpers.shipped import preset_robot
-from tests.helpers.stated import stated
+from tests.helpers.stated import Sources, stated
 
 
 def planar(t1=1.0, t2=1.0, a=0.01, robot=None):
@@ -28,7 +27,10 @@ def correlated(sources, seed=0, dof=None):
     k = len(sources.names)
     A = np.random.default_rng(seed).standard_normal((k, dof or 2 * k))
     S = A @ A.T
-    R = S / np.sqrt(np.outer(np.diag(S), np.diag(S)))
+    return with_correlations(sources, S / np.sqrt(np.outer(np.diag(S), np.diag(S))))
+
+
+def with_correlations(sources, R):
     return Sources(sources.names, R * np.outer(sources.sigma, sources.sigma))
 
 

@@ -7,6 +7,12 @@ from typing import Any
 
 import pytest
 
+from posture_opt.model.toolchain import find_compiler
+
+__all__ = ["STRUCTURES", "conformance", "find_compiler", "needs_compiler"]
+
+needs_compiler = pytest.mark.skipif(not find_compiler(), reason="no C compiler on this machine")
+
 STRUCTURES = (
     "planar_2r", "scara", "ur5", "ur10", "irb120", "puma560", "kr6_r900", "crb15000", "panda", "iiwa14", "gen3",
 )  # fmt: skip

@@ -19,13 +19,12 @@ import pytest
 import posture_opt as po
 from posture_opt.model import toolchain
 from posture_opt.model.compiled import BatchFunction
+from tests.helpers.variants import needs_compiler
 
 # The same operations in the same order and no fused multiply-add: only sin and cos of another mathematics library
 # may differ, by one unit in the last place each. Compared with NumPy, whose sums run in another order, a dozen
 # roundings of 1.1e-16 add up.
 DIGITS = 2e-15
-
-needs_compiler = pytest.mark.skipif(not toolchain.find_compiler(), reason="no C compiler on this machine")
 
 
 @pytest.fixture(autouse=True)

@@ -11,9 +11,9 @@ import posture_opt as po
 from posture_opt.model.effects import Backlash, JointCompliance, JointNoise
 from posture_opt.problem.fitted_problem import batch_uncertainty
 from posture_opt.selection.problem_data import FittedArm
-from posture_opt.uncertainty.sources import Sources
 from tests.helpers.same_problem import assert_same_numbers, written
 from tests.helpers.shipped import PROBLEMS
+from tests.helpers.stated import Sources
 from tests.helpers.variants import conformance
 
 FILES = sorted(PROBLEMS.glob("*.yaml"))

@@ -17,15 +17,12 @@ from benchmarks.fleet.brute import better
 from benchmarks.fleet.cases import Case, replayed
 from benchmarks.fleet.judge import judge
 from benchmarks.fleet.requirements import Requirements
-from posture_opt.model.toolchain import find_compiler
 from posture_opt.robot.posture import drawn_between
 from posture_opt.selection.program.nlp import Nlp, Row, Variable
 from posture_opt.selection.search.local_search import MET, LocalSearch
 from posture_opt.selection.search.multistart import until_recurrence
 from tests.helpers.planar_2r import postures_at
-from tests.helpers.variants import conformance
-
-needs_compiler = pytest.mark.skipif(not find_compiler(), reason="no C compiler on this machine")
+from tests.helpers.variants import conformance, needs_compiler
 
 
 def nlp_of(

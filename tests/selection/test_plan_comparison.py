@@ -10,9 +10,9 @@ import pytest
 
 import posture_opt as po
 from posture_opt.robot.corrections import deviated
-from posture_opt.uncertainty.sources import Sources
 from tests.helpers.planar_2r import position
 from tests.helpers.said import said
+from tests.helpers.stated import Sources
 
 LONGER = 3e-4  # m of the second link
 

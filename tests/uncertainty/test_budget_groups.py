@@ -7,8 +7,7 @@ import pytest
 
 import posture_opt as po
 from posture_opt.uncertainty.budget import SHARE_TOLERANCE, budgets
-from posture_opt.uncertainty.sources import Sources
-from tests.helpers.stated import stated
+from tests.helpers.stated import Sources, stated
 
 Q6 = (0.3, -1.0, 1.2, 0.4, 0.7, 0.0)
 OPPOSED = {

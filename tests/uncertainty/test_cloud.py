@@ -10,11 +10,10 @@ from scipy.spatial.transform import Rotation
 
 import posture_opt as po
 from posture_opt.uncertainty.sampler import Sampler
-from posture_opt.uncertainty.sources import Sources
 from tests.helpers.factors import pose
 from tests.helpers.moments import errors_of, planar
 from tests.helpers.shipped import preset_robot
-from tests.helpers.stated import stated
+from tests.helpers.stated import Sources, stated
 
 BENT = np.radians((90, -135))
 Q6 = (0.3, -1.1, 1.2, -0.5, 0.7, 0.2)

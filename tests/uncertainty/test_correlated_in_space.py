@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from itertools import product
 
 import casadi as ca
@@ -10,22 +9,16 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.robot.robot import frame_factors
 from posture_opt.uncertainty.integration import SharedFactors
-from posture_opt.uncertainty.sources import Sources
 from posture_opt.uncertainty.tool_point import ToolPoint
-from tests.helpers.moments import correlated, errors_of, scaled
+from tests.helpers.moments import correlated, errors_of, scaled, with_correlations
 from tests.helpers.sampled import sampled_pose
 from tests.helpers.shipped import preset_robot
-from tests.helpers.stated import stated
+from tests.helpers.stated import Sources, moved_base, stated
 from tests.helpers.variants import conformance
 
 Q6 = (0.3, -1.1, 1.2, -0.5, 0.7, 0.2)
 STRETCHED = (0.3, -1.0, 0.0, -0.6, 0.0, 0.2)
-
-
-def with_correlations(sources, R):
-    return Sources(sources.names, R * np.outer(sources.sigma, sources.sigma))
 
 
 def joints(robot="ur10", R=None):
@@ -187,7 +180,7 @@ def test_full_correlation_is_one_error(sign):
     robot = preset_robot("ur10")
     names = ("base.yaw", "shoulder_pan.theta")
     R = np.array([[1.0, sign], [sign, 1.0]])
-    upright = replace(robot, base=frame_factors("base", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
+    upright = moved_base(robot, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     both = po.propagate(stated(robot=upright, sources=Sources(names, 0.3**2 * R)), Q6)
     twice = Sources(names[1:], np.array([[(0.3 * (1 + sign)) ** 2]]))
     if sign > 0:
@@ -201,7 +194,7 @@ def test_full_correlation_is_one_error(sign):
 @pytest.mark.parametrize("big", [1e-3, 1.0])
 def test_errors_that_cancel_leave_what_is_small(big):
     """After a calibration the base and the first joint may each be known badly, and their sum well."""
-    robot = replace(preset_robot("ur10"), base=frame_factors("base", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
+    robot = moved_base(preset_robot("ur10"), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     names = ("base.yaw", *(f"{joint}.theta" for joint in robot.joint_names))
     small = correlated(Sources(names, 1e-6**2 * np.eye(7)), seed=4).covariance
     loose = np.zeros(7)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from itertools import product
 
 import casadi as ca
@@ -11,16 +10,14 @@ import pytest
 
 import posture_opt as po
 from posture_opt.model.chain import factor_values, walk
-from posture_opt.robot.robot import frame_factors
 from posture_opt.uncertainty.exact_moments import plane_of
 from posture_opt.uncertainty.integration import NodePlan
 from posture_opt.uncertainty.pose_covariance import second_order
 from posture_opt.uncertainty.regions import Ellipsoid
-from posture_opt.uncertainty.sources import Sources
 from posture_opt.uncertainty.tool_point import ToolPoint
 from tests.helpers.moments import correlated, errors_of, planar, raw_moments, scaled
 from tests.helpers.shipped import preset_robot
-from tests.helpers.stated import stated
+from tests.helpers.stated import Sources, moved_base, stated
 from tests.helpers.variants import conformance
 
 Q6 = (0.3, -1.1, 1.2, -0.5, 0.7, 0.2)
@@ -100,7 +97,7 @@ def test_the_plane_may_stand_anyhow():
 
 
 def planar_tilted():
-    return replace(preset_robot("planar_2r"), base=frame_factors("base", (0.1, 0.2, 0.3), (0.4, -0.5, 0.6)))
+    return moved_base(preset_robot("planar_2r"), (0.1, 0.2, 0.3), (0.4, -0.5, 0.6))
 
 
 def test_second_order_against_algorithmic_differentiation():

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.uncertainty.sources import Sources
-from tests.helpers.moments import correlated, errors_of, scaled
+from tests.helpers.moments import correlated, errors_of, scaled, with_correlations
 from tests.helpers.sampled import sampled_pose
 from tests.helpers.shipped import preset_robot
 from tests.helpers.stated import stated
@@ -23,7 +22,7 @@ def joints(correlation=None):
     if correlation is None:
         return sources
     R = np.full((6, 6), correlation) + (1 - correlation) * np.eye(6)
-    return Sources(sources.names, R * np.outer(sources.sigma, sources.sigma))
+    return with_correlations(sources, R)
 
 
 CASES = {

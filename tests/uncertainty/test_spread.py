@@ -11,14 +11,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import posture_opt as po
-from posture_opt.robot.robot import frame_factors
 from posture_opt.uncertainty.budget import budget
-from posture_opt.uncertainty.sources import Sources
 from posture_opt.uncertainty.tool_point import ToolPoint
 from tests.helpers.factors import pose
 from tests.helpers.moments import correlated, errors_of, planar
 from tests.helpers.shipped import preset_robot
-from tests.helpers.stated import stated
+from tests.helpers.stated import Sources, moved_base, stated
 
 BENT = np.radians((90, -135))
 Q6 = (0.3, -1.1, 1.2, -0.5, 0.7, 0.2)
@@ -58,7 +56,7 @@ def test_a_tool_point_that_scatters_along_a_line_has_the_factor_of_a_line():
 
 @pytest.mark.parametrize("angles", [(math.pi, 0, 0), (0, math.pi, 0), (0, 0, math.pi)])
 def test_the_quaternion_keeps_its_digits_at_half_turns(angles):
-    robot = replace(preset_robot("planar_2r"), base=frame_factors("base", (0, 0, 0), angles))
+    robot = moved_base(preset_robot("planar_2r"), (0, 0, 0), angles)
     w, x, y, z = po.propagate(planar(robot=robot), (0.0, 0.0)).quaternion_wxyz
     np.testing.assert_allclose(Rotation.from_quat([x, y, z, w]).as_matrix(), pose(robot, (0, 0))[:3, :3], atol=1e-15)
 

@@ -8,15 +8,11 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.model.toolchain import find_compiler
-from posture_opt.uncertainty.sources import Sources
 from tests.helpers.factors import random_postures
 from tests.helpers.moments import correlated, errors_of, planar
 from tests.helpers.shipped import preset_robot
-from tests.helpers.stated import stated
-from tests.helpers.variants import conformance
-
-needs_compiler = pytest.mark.skipif(not find_compiler(), reason="no C compiler on this machine")
+from tests.helpers.stated import Sources, stated
+from tests.helpers.variants import conformance, find_compiler, needs_compiler
 
 
 def problem(name, angle=0.05, length=0.01, kinds=("theta", "a", "d"), coupled=False):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -267,18 +266,18 @@ def with_plausibility(findings: Sequence[Finding], model: Fit, robot: Robot) -> 
 
     A cause beyond its range has competed with all others and stays: the data look like it.
     """
-    seen: Counter[str] = Counter()
+    kinds = [finding.kind for finding in findings]
     found = []
-    for finding in findings:
+    for k, finding in enumerate(findings):
         effect = finding.effect
         assert effect is not None
-        seen[effect.kind] += 1
         sizes = _sizes_of(model, finding)
+        too_many = _too_many(effect, kinds[: k + 1].count(effect.kind), kinds.count(effect.kind))
         found.append(
             replace(
                 finding,
                 plausible_range=effect.plausible(robot),
-                would_need=_would_need(effect, finding, sizes, model, robot, seen[effect.kind]),
+                would_need=too_many or _would_need(effect, finding, sizes, model, robot),
                 parts=effect.rotating_parts(robot),
                 fitted=sizes,
             )
@@ -302,11 +301,18 @@ def _sizes_of(model: Fit, finding: Finding) -> FittedSizes:
     return FittedSizes(finding.estimate, model.covariance[np.ix_(part, part)], turn, rms, *seen)
 
 
-def _would_need(effect: Effect, finding: Finding, sizes: FittedSizes, model: Fit, robot: Robot, rank: int) -> str:
-    """What would have to be true for the ``rank``-th largest of a kind to be what it looks like; empty if it can be."""
+def _too_many(effect: Effect, rank: int, count: int) -> str:
+    """Why the ``rank``-th largest of ``count`` causes of a kind cannot be one more event of a session; else empty."""
     most = effect.most_in_session
-    if most is not None and rank > most:
-        return f"{rank} of them in one session, where more than {most} is rare: rather something moves all the time"
+    # One collision may move a joint and the tool; more than two things at once are another arm or session.
+    if most is None or (rank <= most and count <= 2):
+        return ""
+    rather = "rather rows of several arms or sessions, or something that moves all the time"
+    return f"{count} of them in one session, where more than {most} is rare: {rather}"
+
+
+def _would_need(effect: Effect, finding: Finding, sizes: FittedSizes, model: Fit, robot: Robot) -> str:
+    """What would have to be true for a cause to be what it looks like; empty if it can be."""
     known = effect.plausible(robot)
     if known is None or not finding.determined:
         return ""

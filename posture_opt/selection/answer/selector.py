@@ -205,8 +205,7 @@ class PostureSelector:
         first = self._problem.solver.seed if seed is None else seed
 
         def seek(engine: Engine, target: TaskTarget) -> tuple[MultistartResult, Sweep | None]:
-            preferred = self._problem.narrowed
-            found = screened_search(engine, target, np.random.default_rng(first), preferred=preferred)
+            found = screened_search(engine, target, np.random.default_rng(first), preferred=self._problem.narrowed)
             return found or until_found_often(engine, target, np.random.default_rng(first)), None
 
         return self._solved(self._request(seek, confirm=False, ordinary=0.0), self.target)

@@ -137,7 +137,7 @@ class PathSelector(DerivedAgain):
         task = task.model_copy(update={"spacing": spacing})
         placement = PlacementRange.of(task.workpiece)
         # Many placements or points, and rows that keep the arm clear, are worth the seconds that compiling takes.
-        many = len(TaskPath.of(task).points) > 100
+        many = len(TaskPath.of(task).points) > 30
         compiled = None if np.any(placement.free) or problem.scene.explicit or many else False
         selector = PostureSelector(one, compiled=compiled)
         return cls(problem, selector, task, placement, placement.centre)
