@@ -16,16 +16,20 @@ for number, handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIG
         signal.signal(number, handler)
 
 
+SAMPLED = {"conformance": 12, "long": 2}
+"""Marker -> of its tests every Nth runs with ``--sampled``, in the order of collection."""
+
+
 def pytest_addoption(parser):
-    """``--conformance 12``: of what has the marker ``conformance``, every twelfth test in the order of collection."""
-    parser.addoption("--conformance", type=int, default=1, metavar="N", help="run every Nth test marked conformance")
+    parser.addoption("--sampled", action="store_true", help=f"run every Nth test of a marker, N by marker: {SAMPLED}")
 
 
 def pytest_collection_modifyitems(config, items):
-    """Leaves out what the option says; a test with another marker beside it stays."""
-    step = config.getoption("--conformance")
-    marked = [item for item in items if item.get_closest_marker("conformance")]
-    left_out = {id(item) for k, item in enumerate(marked) if k % step}
+    """Leaves out what ``--sampled`` says."""
+    left_out = set()
+    for name, step in SAMPLED.items() if config.getoption("--sampled") else ():
+        marked = [item for item in items if item.get_closest_marker(name)]
+        left_out |= {id(item) for k, item in enumerate(marked) if k % step}
     config.hook.pytest_deselected(items=[item for item in items if id(item) in left_out])
     items[:] = [item for item in items if id(item) not in left_out]
 

@@ -17,6 +17,7 @@ from pathlib import Path
 import pytest
 
 import posture_opt as po
+from tests.conftest import SAMPLED
 from tests.faults import ROOT, rows_of_the_page
 from tests.helpers.command_line import invoke
 
@@ -47,7 +48,7 @@ def marked_functions(file: str) -> dict[str, set[str]]:
 
 
 def test_every_row_of_the_page_names_tests_that_ci_runs() -> None:
-    """None that is run for releases only, or as every sixth of its kind; ``python -m tests.faults`` runs all."""
+    """None that is run for releases only, or as one of a sample; ``python -m tests.faults`` runs all."""
     rows = list(rows_of_the_page())
     assert len(rows) >= 22
     assert [what for what, tests in rows if not tests] == []
@@ -59,7 +60,7 @@ def test_every_row_of_the_page_names_tests_that_ci_runs() -> None:
             assert Path(file).name.startswith("test_")
             assert name in marked_functions(file), f"{file}::{name} is not there"
             marks = marked_functions(file)[name] & left_out
-            assert not marks or marks & (taken - {"conformance"}), f"no run of CI has {file}::{name}"
+            assert not marks or marks & (taken - {*SAMPLED}), f"no run of CI has {file}::{name}"
 
 
 def run(script: str, *words: str, **environment: str) -> subprocess.CompletedProcess[str]:
@@ -91,7 +92,7 @@ main(sys.argv[2:])
 """
 
 
-@pytest.mark.long
+@pytest.mark.interrupts
 @pytest.mark.skipif(sys.platform != "linux", reason="addresses are limited, and counted, as Linux does it")
 @pytest.mark.parametrize("room", [2_000_000, 12_000_000, 30_000_000])
 def test_a_calibration_that_gets_no_memory_says_so_and_leaves_nothing(room: int, tmp_path: Path) -> None:
@@ -132,7 +133,7 @@ assert os.wait()[1] == 0
 """
 
 
-@pytest.mark.long
+@pytest.mark.interrupts
 @posix
 def test_a_process_that_was_forked_after_a_solve_solves() -> None:
     found = run(FORKED)

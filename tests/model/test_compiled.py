@@ -225,7 +225,7 @@ def test_cache_of_another_user_is_not_executed(cache: Path, compilations: list[t
     assert list(cache.iterdir()) == []
 
 
-@pytest.mark.long
+@pytest.mark.interrupts
 @needs_compiler
 def test_two_processes_share_an_empty_cache(cache: Path) -> None:
     code = textwrap.dedent("""
