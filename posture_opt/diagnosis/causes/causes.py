@@ -307,8 +307,7 @@ def _too_many(effect: Effect, rank: int, count: int) -> str:
     # One collision may move a joint and the tool; more than two things at once are another arm or session.
     if most is None or (rank <= most and count <= 2):
         return ""
-    rather = "rather rows of several arms or sessions, or something that moves all the time"
-    return f"{count} of them in one session, where more than {most} is rare: {rather}"
+    return f"{count} of them in one session, where more than {most} is rare: rather other arms or sessions, or a drift"
 
 
 def _would_need(effect: Effect, finding: Finding, sizes: FittedSizes, model: Fit, robot: Robot) -> str:
