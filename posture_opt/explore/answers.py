@@ -60,7 +60,7 @@ class Following:
 
     def end(self) -> None:
         """Compile nothing more."""
-        self._process.stop()
+        self._process.end()
 
 
 def compiled(problem: Problem) -> None:
@@ -144,7 +144,7 @@ class Answers:
         with self._changed:
             self._ended = True
             self._changed.notify()
-        self._search.stop()
+        self._search.end()
         self._following.end()
         if threading.current_thread() is not self._thread:
             self._thread.join(timeout=10.0)

@@ -135,7 +135,7 @@ class LiveMap:
     def end(self) -> None:
         """Compute nothing more."""
         self._wanted.clear()
-        self._process.stop()
+        self._process.end()
 
     def _run(self, problem: Problem) -> None:
         def progress(done: int, most: int) -> None:

@@ -112,7 +112,7 @@ class Measured:
     def end(self) -> None:
         """Compute nothing more."""
         self._ended.set()
-        self._process.stop()
+        self._process.end()
 
     @property
     def problem(self) -> Problem:

@@ -17,12 +17,12 @@ from posture_opt.numerics import Progress
 
 
 class OtherProcess:
-    """Computes in another process; one thing at a time, from one thread; `stop` from any."""
+    """Computes in another process; one thing at a time, from one thread; `stop` and `end` from any."""
 
     def __init__(self) -> None:
         self._process: subprocess.Popen[bytes] | None = None
         self._began: float | None = None
-        self._stopped = False
+        self._stopped = self._ended = False
         self._guard = threading.Lock()
 
     def call(self, function: Callable[..., Any], *given: Any, progress: Progress | None = None) -> Any:
@@ -46,6 +46,7 @@ class OtherProcess:
 
     def _called(self, function: Callable[..., Any], given: tuple[Any, ...], progress: Progress | None) -> Any:
         with self._guard:
+            self._stopped |= self._ended
             if self._stopped:
                 raise EOFError
             process = self._process = self._process or _started()
@@ -71,6 +72,11 @@ class OtherProcess:
         with self._guard:
             self._stopped = True
         self._end()
+
+    def end(self) -> None:
+        """Compute nothing more, whoever may ask: what is asked later has no answer."""
+        self._ended = True
+        self.stop()
 
     def _end(self) -> None:
         with self._guard:

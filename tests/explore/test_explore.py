@@ -162,7 +162,9 @@ def test_a_search_that_is_killed_begins_anew_and_a_defect_is_said() -> None:
         assert "bad operand type" in str(search.call(abs, "a"))
         assert search.call(abs, -5) == 5
     finally:
-        search.stop()
+        search.end()
+    assert search.call(abs, -6) is None
+    assert search._process is None
 
 
 def test_a_defect_of_one_request_does_not_end_the_page(capsys: Any) -> None:
