@@ -46,8 +46,7 @@ def _set(name: str, *values: Any) -> dict[str, dict[str, Any]]:
 
 VARIANTS: dict[str, dict[str, Any]] = {
     "as it is": {},
-    **_scaled("FIRST_EFFECT_LEVEL", 0.5, 2),
-    **_scaled("FURTHER_EFFECT_LEVEL", 0.5, 2),
+    **_scaled("EFFECT_LEVEL", 0.5, 2),
     "FAMILY_SHARES equal": {"FAMILY_SHARES": dict.fromkeys(levels.FAMILY_SHARES, 0.25)},
     **_set("SIGN_FLIPS", 99),
     **_set("LARGE_GROUP_SIZE", 2, 1000),

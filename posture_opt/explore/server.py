@@ -169,7 +169,24 @@ def served(host: str, port: int, title: str) -> Served:
         raise InputError(Issue("this version of viser lets nobody check who opens the page", hint=INSTALL))
     found.gui.configure_theme(control_width="large", show_logo=False, show_share_button=False)
     found.gui.main_panel.dock_right()
+    found.on_client_connect(_closed_where_narrow)
     return _addressed(found, host, gate.token)
+
+
+_PANEL, _NARROW = 388, 700  # px: the large panel of viser, and windows in which it would hide the arm
+
+
+def _closed_where_narrow(browser: viser.ClientHandle) -> None:
+    """Starts with a closed panel in a narrow window; whoever opens it there keeps it open."""
+    closed: list[bool] = []
+
+    def drawn(camera: viser.CameraHandle) -> None:
+        if not closed and 0 < camera.image_width < _NARROW - _PANEL:
+            closed.append(True)
+            browser.gui.main_panel.minimize()
+
+    browser.camera.on_update(drawn)
+    drawn(browser.camera)
 
 
 def _addressed(found: viser.ViserServer, host: str, token: str) -> Served:

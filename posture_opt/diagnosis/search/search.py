@@ -65,7 +65,7 @@ class InitialScores:
 
     def decided(self) -> InitialScores:
         """A decision within a factor of eight of the level with four times the draws, so that it hangs on no draw."""
-        close = 1 / 8 < self.best_p_value / levels.FIRST_EFFECT_LEVEL < 8
+        close = 1 / 8 < self.best_p_value / levels.EFFECT_LEVEL < 8
         if not self.scored or not close or len(self.linearised.r) >= levels.MANY_RESIDUALS:
             return self
         return InitialScores.of(self.linearised, self.candidates, 4 * self.linearised.flips)
@@ -163,7 +163,7 @@ def search_effects(
     foldings: Sequence[Folding] | None = None,
     report_step: Callable[[], None] = lambda: None,
 ) -> SearchResult:
-    """The effects in the residuals, with the family-wise error of the first at `levels.FIRST_EFFECT_LEVEL`.
+    """The effects in the residuals, with the family-wise error of the first at `levels.EFFECT_LEVEL`.
 
     A matching pursuit over all candidates, backward elimination by F tests with a null distribution of sign flips
     (Winkler et al. 2014), and as many effects as predict rows left out: `nested_selection`.
@@ -177,7 +177,7 @@ def search_effects(
     if start.baseline.freedom < 1:
         rows = linearised.sensitivities.residuals
         raise InsufficientDataError(f"the parameters take up all that was measured; {spread_poses(rows)}")
-    if start.best_p_value >= levels.FIRST_EFFECT_LEVEL:
+    if start.best_p_value >= levels.EFFECT_LEVEL:
         nothing = _Selection((), NestedSelections.of(Dictionary(linearised, ()), 0, foldings))
         return _search_result(start, nothing).detached
     # What is only compared is judged by the strictest way to leave rows out, for time.
@@ -306,7 +306,7 @@ def remaining_unnamed(linearised: LinearisedData, found: SearchResult) -> tuple[
     names = found.names.chosen
     weighed = ((s, member_weights(linearised, [*names, s])[-1][0]) for s in unnamed)
     return (
-        tuple(s for s, p in weighed if found.null.family_wise(p, s.what.family) < levels.FURTHER_EFFECT_LEVEL)
+        tuple(s for s, p in weighed if found.null.family_wise(p, s.what.family) < levels.EFFECT_LEVEL)
         or unnamed
     )
 

@@ -162,7 +162,7 @@ def eliminate_members(
         weights = member_weights(linearised, reduced)
         p_values = nulls.family_wise(kept, [p for p, _ in weights])
         worst = max(range(len(kept)), key=lambda i: (p_values[i], weights[i][0]))
-        if p_values[worst] < (levels.FIRST_EFFECT_LEVEL if len(kept) == 1 else levels.FURTHER_EFFECT_LEVEL):
+        if p_values[worst] < levels.EFFECT_LEVEL:
             break
         del kept[worst], reduced[worst]
     return tuple(kept)
@@ -179,7 +179,7 @@ class FurtherNulls:
     def family_wise(self, members: Sequence[Candidate], log_p: Sequence[float]) -> list[float]:
         """p-values of the members of a set, each given the others."""
         found = family_wise(self.first, self.drawn, members, log_p)
-        doubtful = [p for p, value in zip(log_p, found, strict=True) if value >= levels.FURTHER_EFFECT_LEVEL]
+        doubtful = [p for p, value in zip(log_p, found, strict=True) if value >= levels.EFFECT_LEVEL]
         # Above a log p of -8 no null makes a member significant: of some 30 candidates it would have to be -8.5.
         if self.drawn is None and len(members) > 1 and min(doubtful, default=0.0) < -8.0:
             self.drawn = self.beside()

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from posture_opt.diagnosis.scores.candidates import Candidate
-from posture_opt.diagnosis.scores.levels import FIRST_EFFECT_LEVEL
+from posture_opt.diagnosis.scores.levels import EFFECT_LEVEL
 from posture_opt.diagnosis.scores.score_tests import log_p, scan_frequencies
 from posture_opt.model.effects.base.multiples import cycles_text
 from posture_opt.model.effects.cyclic_error import CyclicError
@@ -52,7 +52,7 @@ def critical_log_p(null: NullDistribution, family: str) -> float:
     low, high = -60.0, -1e-6
     for _ in range(50):
         middle = (low + high) / 2
-        low, high = (middle, high) if null.family_wise(middle, family) < FIRST_EFFECT_LEVEL else (low, middle)
+        low, high = (middle, high) if null.family_wise(middle, family) < EFFECT_LEVEL else (low, middle)
     return low
 
 
@@ -97,7 +97,7 @@ def plot_scores(found: Diagnosis) -> Figure:
     if own:
         _say(axes, 0, "p in the model")
     axes.plot([1, 1], [-0.6, at], color="black", lw=1.2, ls="--", zorder=3)
-    text = f"significant beyond this line ({100 * FIRST_EFFECT_LEVEL:.1f} % by chance)"
+    text = f"significant beyond this line ({100 * EFFECT_LEVEL:.1f} % by chance)"
     axes.annotate(text, (1, at), xytext=(4, 0), textcoords="offset points", va="center", zorder=4)
     name_rows(axes, names)
     axes.set(ylim=(at + 0.6, -0.7), xlim=(0, right))
@@ -212,7 +212,7 @@ def plot_periodogram(found: Diagnosis) -> Figure:
         axes.plot(cycles, 100 * share, color=BLUE, lw=1.2, label=_BEFORE, zorder=3)
         cycles, share = _spectrum(found, after, joint)
         axes.plot(cycles, 100 * share, color=GREEN, lw=1.0, label=_AFTER, zorder=4)
-        null = f"significant: {100 * FIRST_EFFECT_LEVEL:.1f} % of data sets reach it by chance"
+        null = f"significant: {100 * EFFECT_LEVEL:.1f} % of data sets reach it by chance"
         # The share that one frequency must explain for its log p-value to be that of the line, bisected; two degrees of
         # freedom, those of a sine and a cosine.
         low, high = 0.0, 1.0
