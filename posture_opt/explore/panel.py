@@ -214,7 +214,8 @@ def _greyed(html: str) -> str:
 
 
 def _small(html: str) -> str:
-    return f'<div style="margin:0 10px;font-size:13px;text-align:left">{html}</div>'
+    quiet = "<style>caption { display: none }</style>"  # the line above and the panel's title say it
+    return f'<div style="margin:0 10px;font-size:13px;text-align:left">{quiet}{html}</div>'
 
 
 def _bars(budget: Sequence[ShareGroup]) -> str:

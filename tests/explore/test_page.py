@@ -112,6 +112,13 @@ def test_the_arm_on_the_screen_follows_the_target(tab: Browser, page: Any) -> No
     assert not elsewhere
 
 
+def test_in_a_narrow_window_the_panel_starts_closed(tab: Browser, page: Any) -> None:
+    tab.resize(600)
+    opened(tab, page.url)
+    until(lambda: canvas(tab)[2] > 500)
+    assert "Error budget" not in words(tab)
+
+
 def finger(tab: Browser, kind: str, x: float, y: float) -> None:
     points = [] if kind == "end" else [{"x": x, "y": y}]
     event = {"start": "touchStart", "move": "touchMove", "end": "touchEnd"}[kind]
