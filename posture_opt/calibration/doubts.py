@@ -1,8 +1,8 @@
-"""What can hardly be as stated: copies of rows, °F for °C, contradicted sides, another preset's link lengths."""
+"""What can hardly be as stated: copies of rows, units of temperatures, sides of approach, lengths of the arm."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,19 +19,23 @@ from posture_opt.robot.robot import Robot
 from posture_opt.statements import Statement, state
 
 _MIN_SIDES, _CONTRADICTING_SHARE = 20, 0.9
-"""Moves that state a side, and the share of them against the order of the rows that is no chance."""
+"""Moves of a joint that state a side, and the share of them against the order of the rows that is no chance."""
+_CELL = (-30.0, 60.0)  # °C of cells in which arms are measured, at the most: data sheets allow 45 to 55 °C
+# Unit that a temperature, read as °C, may have been written in -> what it is then [°C]
+_OTHERWISE: Mapping[str, Callable[[float], float]] = {
+    "°F": lambda t: (t - 32) / 1.8,
+    "K": lambda t: t - 273.15,
+    "°C": lambda t: t + 273.15,
+}
 
 
 @dataclass(frozen=True)
 class Doubt:
-    """A doubt about a file, by its ``id``, with the numbers that raise it."""
+    """A doubt about a file, by its ``id``, with the numbers that raise it, and as a statement."""
 
     id: str
-    values: Mapping[str, int | float]
-
-    @property
-    def statement(self) -> Statement:
-        return state(f"calibration.doubt-{self.id}", **self.values)
+    values: Mapping[str, int | float | str]
+    statement: Statement
 
     def to_json(self) -> dict[str, Json]:
         return {"id": self.id, **self.values}
@@ -39,21 +43,43 @@ class Doubt:
 
 def doubts_about(data: Measurements) -> tuple[Doubt, ...]:
     """All doubts about a file, as it was read."""
-    found = list[Doubt]()
-    copies = len(data) - len(_first_rows(data))
-    if copies:
-        found.append(Doubt("copies", {"rows": copies, "of": len(data)}))
-    # 60 °C of cells in which arms are measured, at the most: data sheets allow 45 to 55 °C.
-    if data.temperature is not None and float(data.temperature.max()) > 60.0:
-        degrees = {"low": float(data.temperature.min()), "high": float(data.temperature.max())}
-        found.append(Doubt("fahrenheit", {**degrees, **{f"{k}_if_f": (v - 32) / 1.8 for k, v in degrees.items()}}))
-    if data.approach_given:
-        step, side = np.diff(data.q[data.order], axis=0), data.approach[data.order][1:]
-        moved = (np.abs(step) > SAME_POSTURE_RAD) & (side != 0)
-        against, moves = int(np.sum(np.sign(step[moved]) != np.sign(side[moved]))), int(moved.sum())
-        if moves >= _MIN_SIDES and against > _CONTRADICTING_SHARE * moves:
-            found.append(Doubt("approach", {"against": against, "moves": moves}))
+    copies = {"rows": len(data) - len(_first_rows(data)), "of": len(data)}
+    found = [Doubt("copies", copies, state("calibration.doubt-copies", **copies))] if copies["rows"] else []
+    found += _temperature(data)
+    doubted = sides_against_order(data)
+    if len(doubted):
+        against, moves = (counts[doubted].sum() for counts in _counted_sides(data))
+        sums = {"against": int(against), "moves": int(moves)}
+        joints = [data.joint_names[j] for j in doubted]
+        joints = joints if len(joints) < len(data.joint_names) else ["JOINT"]
+        columns = tuple(f"{name}.approach" for name in joints)
+        found.append(Doubt("approach", sums, state("calibration.doubt-approach", columns=columns, **sums)))
     return tuple(found)
+
+
+def _temperature(data: Measurements) -> list[Doubt]:
+    if data.temperature is None or (_CELL[0] <= data.temperature.min() and data.temperature.max() <= _CELL[1]):
+        return []
+    ends = {"low": float(data.temperature.min()), "high": float(data.temperature.max())}
+    for unit, read in _OTHERWISE.items():
+        low, high = (read(value) for value in ends.values())
+        if _CELL[0] <= low and high <= _CELL[1]:
+            said = state("calibration.doubt-temperature", unit=unit, **ends, low_so=low, high_so=high)
+            return [Doubt("temperature", {**ends, "unit": unit, "low_so": low, "high_so": high}, said)]
+    return [Doubt("temperature", ends, state("calibration.doubt-temperature-unit", **ends))]
+
+
+def sides_against_order(data: Measurements) -> Codes:
+    """Indices of the joints whose stated sides of approach contradict the order of the rows."""
+    against, moves = _counted_sides(data)
+    return np.flatnonzero((moves >= _MIN_SIDES) & (against > _CONTRADICTING_SHARE * moves))
+
+
+def _counted_sides(data: Measurements) -> tuple[Codes, Codes]:
+    """(n,) moves of each joint whose stated side contradicts the order of the rows, and all that state one."""
+    step, side = np.diff(data.q[data.order], axis=0), data.approach[data.order][1:]
+    moved = (np.abs(step) > SAME_POSTURE_RAD) & (side != 0) & data.approach_given
+    return np.sum(moved & (np.sign(step) != np.sign(side)), axis=0), moved.sum(axis=0)
 
 
 def without_copies(data: Measurements) -> Measurements:

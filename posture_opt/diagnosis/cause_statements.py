@@ -153,7 +153,7 @@ def _may_work_meanwhile(found: Diagnosis) -> Iterator[Statement]:
     if loose:
         yield state("diagnosis.tighten-base-first", "base", numbers=numbers_of(found, loose))
     sure = [f for f in found.effects if f.determined]
-    if found.delivery.kept and any(f.effect for f in sure):
+    if found.delivery.kept and not found.questioned and any(f.effect for f in sure):
         if leads := [f for f in sure if f.leads]:
             yield state("diagnosis.moved-by-hand", numbers=numbers_of(found, leads))
         yield state("diagnosis.may-work")

@@ -97,6 +97,11 @@ class Diagnosis(Result):
     notes: tuple[str, ...] = field(default=())
 
     @property
+    def questioned(self) -> bool:
+        """Whether the file is hardly as it was read: then nothing that follows from it is for the arm."""
+        return self.request.data.better_reading is not None or any(doubt.id != "copies" for doubt in self.doubts)
+
+    @property
     def problem(self) -> ProblemData:
         """What was diagnosed."""
         return self.request.problem

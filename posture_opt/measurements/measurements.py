@@ -48,7 +48,7 @@ class BetterReading:
         given, found = (f"{value * 1e3:.3g} mm" for value in self.left)
         said = f"the data fit the arm to {found}"
         if self.turned is not None:
-            as_given, so_read = (f"{math.degrees(value):.2g} deg" for value in self.turned)
+            as_given, so_read = (f"{math.degrees(value):.3g} deg" for value in self.turned)
             said, given = f"{said} and {so_read}", f"{given} and {as_given}"
         return f"{said} if {self.reading.message}, as given only to {given}"
 

@@ -82,9 +82,9 @@ class OrientationColumns:
         meant, factor = ("rad", 180 / np.pi) if {*self.units} <= {*DEGREES} else ("deg", np.pi / 180)
         line = "write " + ", ".join(f"{name} [{meant}]" for name in self.names)
         yield f"{listed} are in {meant}", line, _in_convention(self.numbers * factor, self.convention)
-        if self.convention == "rotation_vector":
-            line = f"reverse the signs of {listed}"
-            yield "the rotation vectors are those of the inverse rotations", line, now * [1, -1, -1, -1]
+        line = "write the orientation of the target in the instrument's frame, not the reverse"
+        line = f"reverse the signs of {listed}" if self.convention == "rotation_vector" else line
+        yield f"{listed} are those of the inverse rotations", line, now * [1, -1, -1, -1]
 
 
 def groups_of(robot: Robot, prefix: str = "") -> dict[str, tuple[str, ...]]:

@@ -260,7 +260,7 @@ def better_reading(sample: Sample, arm: Arm, readings: Callable[[], Sequence[Rea
     reading, found = fits[0]
     others = [_words(r, fit) for r, fit in fits[1:] if r.changes == reading.changes]
     of_base = reading.id == "reading.joint-zero" and reading.column == sample.robot.joint_names[0]
-    usable = reading.scale or of_base or (now.left < _MAX_LEFT * sample.motion and now.turned < math.radians(3))
+    usable = reading.scale or of_base  # what a free base takes up, and what a diagnosis weighs
     turned = None if sample.rotation is None else (now.turned, found.turned)
     return BetterReading(_words(reading, found), others[:3], (now.left, found.left), turned, usable)
 

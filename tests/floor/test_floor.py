@@ -87,7 +87,7 @@ def test_a_path_is_held_out_by_stretches_and_its_promise_kept_at_rest() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "doubt"), [("fahrenheit", "fahrenheit"), ("pasted", "copies"), ("turned_sides", "approach")]
+    ("name", "doubt"), [("fahrenheit", "temperature"), ("pasted", "copies"), ("turned_sides", "approach")]
 )
 def test_what_can_hardly_be_is_doubted(name: str, doubt: str) -> None:
     case = draw(name, SEED, 0)

@@ -11,8 +11,8 @@ from collections.abc import Mapping
 
 # Error level of the whole diagnosis: 5 %, shared out between its tests (Bonferroni; Miller 1981). Family-wise, of each
 # effect of a search. Ablation A: halved, the WAM keeps 7 causes in place of 12 and its held-out RMS rises from 1.69 to
-# 1.78 mm; doubled, one more of 16 draws is named completely. A first effect at 0.015 was a false cause in 2 of 280 clean
-# draws (`tests.floor.hunt`), at this level in none of them.
+# 1.78 mm; doubled, one more of 16 draws is named completely. At 0.015, 2 of 280 clean draws (`tests.floor.hunt`) have a
+# false cause, at this level none.
 EFFECT_LEVEL = 0.006
 # Of both tests for anything left unexplained: that of an effect that was not found. Ablation B: no change.
 LACK_OF_FIT_LEVEL = EFFECT_LEVEL

@@ -305,10 +305,7 @@ def remaining_unnamed(linearised: LinearisedData, found: SearchResult) -> tuple[
         return unnamed
     names = found.names.chosen
     weighed = ((s, member_weights(linearised, [*names, s])[-1][0]) for s in unnamed)
-    return (
-        tuple(s for s, p in weighed if found.null.family_wise(p, s.what.family) < levels.EFFECT_LEVEL)
-        or unnamed
-    )
+    return tuple(s for s, p in weighed if found.null.family_wise(p, s.what.family) < levels.EFFECT_LEVEL) or unnamed
 
 
 def keep_named(linearised: LinearisedData, found: SearchResult, kept: Sequence[int]) -> SearchResult:
