@@ -82,25 +82,23 @@ def apart_pairs(placed: PlacedCapsules) -> tuple[Pair, ...]:
     )
 
 
-def checked_own(placed: PlacedCapsules, pairs: Sequence[Pair], clearance: float, assumed: Array) -> Checked:
-    """Checked pairs of one arm; ``assumed`` (c,) parts of radii [m] may overlap."""
+def checked_own(placed: PlacedCapsules, pairs: Sequence[Pair], clearance: float, radii: Array) -> Checked:
+    """Checked pairs of one arm, of capsules of ``radii`` (c,) [m]."""
     if not pairs:
         return Checked((), (), ())
     # A median of 1000 is known to 1.6 % of them.
-    found = own_distances(placed, *placed.segments(random_postures(placed, 1000)), pairs)
-    more = assumed[np.array(pairs)].sum(axis=1)
-    checked = checked_pairs(found + more, clearance, np.ones(len(pairs), dtype=bool))
-    return checked._replace(required=tuple((np.array(checked.required) - more[list(checked.chosen)]).tolist()))
+    found = own_distances(radii, *placed.segments(random_postures(placed, 1000)), pairs)
+    return checked_pairs(found, clearance, np.ones(len(pairs), dtype=bool))
 
 
-def own_distances(placed: PlacedCapsules, start: Array, end: Array, pairs: Sequence[Pair]) -> Array:
-    """(N, k) distance of pairs of segments (N, c, 3), (N, c, 3) less radii [m], world; negative where they overlap."""
+def own_distances(radii: Array, start: Array, end: Array, pairs: Sequence[Pair]) -> Array:
+    """(N, k) distance of pairs of segments (N, c, 3), (N, c, 3) less radii (c,) [m]; negative where they overlap."""
     first, second = (np.array(side, dtype=int) for side in zip(*pairs, strict=True))
     step = max(8000 // len(pairs), 1)  # of more, the arrays of vectors leave the cache
     blocks = [slice(k, k + step) for k in range(0, len(start), step)]
     between = [to_segment(start[b][:, first], end[b][:, first], start[b][:, second], end[b][:, second]) for b in blocks]
     every = np.concatenate([*between, np.zeros((0, len(pairs)))])
-    return np.asarray(every - placed.radii[first] - placed.radii[second])
+    return np.asarray(every - radii[first] - radii[second])
 
 
 def checked_against(

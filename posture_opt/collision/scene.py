@@ -66,7 +66,9 @@ class Scene:
     margin: float  # least distance to keep [m]
     own: tuple[Pair, ...]  # pairs of capsules that are checked against each other
     against: tuple[tuple[int, ...], ...]  # for each obstacle the capsules that are checked against it
-    required: tuple[float, ...] = ()  # (k,) least distance [m] of each of `pairs`; an assumed tool's is below zero
+    required: tuple[float, ...] = ()  # (k,) least distance [m] of each of `pairs`
+    # (c,) radii [m] that count against the arm itself: of a tool whose radius nobody states, its axis alone
+    own_radii: tuple[float, ...] = ()
     left_out: tuple[tuple[str, str], ...] = ()  # names of pairs that overlap whatever the posture
     mounting: Mounting | None = None  # the surface that the arm stands on; None where there is none
     assumed: bool = False  # whether the shape is not known, and capsules along the links are taken in its place
@@ -95,10 +97,9 @@ class Scene:
         pairs = tuple(pair for pair in apart_pairs(placed) if min(pair) >= known)
         # The first link turns on what the arm stands on, so the mounting plane is none of its.
         exposed = [moving_capsules(placed, int(k == len(asked.obstacles))) for k in range(len(obstacles))]
-        # Of a tool whose radius nobody states, the axis alone must not pass through the arm.
         assumes = robot.tool_radius is None and not guessed
-        unsure = np.array([c.radius * (assumes and k >= len(stated)) for k, c in enumerate(capsules)])
-        own = checked_own(placed, pairs, asked.clearance, unsure)
+        radii = tuple(0.0 if assumes and k >= len(stated) else c.radius for k, c in enumerate(capsules))
+        own = checked_own(placed, pairs, asked.clearance, np.array(radii))
         joints, required = [capsule.joint for capsule in capsules], [*own.required]
         left_out, against = [(joints[pairs[k][0]], joints[pairs[k][1]]) for k in own.left_out], []
         for obstacle, chosen in zip(obstacles, exposed, strict=True):
@@ -109,7 +110,7 @@ class Scene:
             left_out += [(joints[chosen[k]], obstacle.name) for k in other.left_out]
         return cls(
             placed, obstacles, asked.clearance, tuple(pairs[k] for k in own.chosen), tuple(against), tuple(required),
-            tuple(dict.fromkeys(left_out)), mounting, bool(stand_ins),
+            radii, tuple(dict.fromkeys(left_out)), mounting, bool(stand_ins),
             stands_anywhere=mounting is None and asked.mounting is None and not asked.obstacles,
         )  # fmt: skip
 
@@ -170,7 +171,7 @@ class Scene:
     def distances(self, Q: Array) -> Array:
         """(N, k) exact distance of every pair at Q (N, n) [m]; zero or less where they overlap."""
         start, end = self.placed.segments(np.atleast_2d(Q))
-        parts = [own_distances(self.placed, start, end, self.own)] if self.own else []
+        parts = [own_distances(np.array(self.own_radii), start, end, self.own)] if self.own else []
         others = zip(self.obstacles, self.against, strict=True)
         parts += [obstacle_distances(self.placed, o, start, end, chosen) for o, chosen in others if chosen]
         return np.hstack([np.zeros((len(start), 0)), *parts])
@@ -204,7 +205,9 @@ class Scene:
         """What the reader of the postures Q (N, n) [rad or m] must know before anyone drives there."""
         mounting, names = self.mounting_statement(Q), self.pierced(Q)
         pierced = [state("collision.tool-pierces", obstacles=names)] if names else []
-        return (*([] if mounting is None else [mounting]), *pierced)
+        radius, touched = Quantity(tool_radius(self.robot), _STATED), self.within_tool(Q)
+        inside = [state("collision.tool-touches", radius=radius, links=touched)] if touched else []
+        return (*([] if mounting is None else [mounting]), *pierced, *inside)
 
     def clearance(self, Q: Array) -> Clearance | None:
         """Least distances over the postures Q (N, n) or (n,); None where nothing is checked."""
@@ -246,6 +249,19 @@ class Scene:
                 found.append(obstacle.name)
         return tuple(found)
 
+    @cached_property
+    def _uncounted(self) -> Array:
+        """What each own pair's (k,) radii have beyond those that count [m]."""
+        more = self.placed.radii - self.own_radii
+        return np.array([more[i] + more[j] for i, j in self.own])
+
+    def within_tool(self, Q: Array) -> tuple[str, ...]:
+        """Links that a tool of assumed radius overlaps at Q (N, n), while its axis keeps clear of them."""
+        if not self.own:
+            return ()
+        overlap = np.any(self.distances(Q)[:, : len(self.own)] < self._uncounted, axis=0) & (self._uncounted > 0)
+        return tuple(dict.fromkeys(self.pairs[k][0] for k in np.flatnonzero(overlap)))
+
     def closest(self, row: str, q: Array) -> tuple[tuple[str, str], float, float]:
         """Names, distance and required distance [m] of a row's pair that lacks most at q (n,)."""
         own, distances = row == SELF_CLEARANCE_ROW, self.distances(q)[0]
@@ -283,7 +299,9 @@ class Scene:
             numbers = range(len(solids), len(solids) + len(obstacle.parts))
             groups += [[(k, -1, number) for number in numbers] for k in chosen]
             solids += obstacle.parts
-        kept = zip(groups, self.required, strict=True)
+        least = np.array(self.required)
+        least[: len(self.own)] -= self._uncounted
+        kept = zip(groups, least.tolist(), strict=True)
         pairs = (Apart(*pair, least + _ROW_TOLERANCE_M) for group, least in kept for pair in group)
         return Contacts(self.placed, tuple(solids), tuple(pairs), SEPARATION_M)
 
@@ -307,7 +325,7 @@ class Scene:
         bounds = []
         for i, j in pairs:
             first, other, placed = capsules[i], capsules[j], seen[frames[i]]
-            radius = first.radius + other.radius
+            radius = self.own_radii[i] + self.own_radii[j]
             bounds.append(segment_bound(*placed[i], first.length, *placed[j], other.length, radius))
         return bounds
 
@@ -348,7 +366,7 @@ def _beyond_wrist(robot: Robot, tool: Capsule) -> tuple[Capsule, ...]:
     flange = replace(tool, end=tool.start, radius=0.0)
     placed = PlacedCapsules(robot, (*links, flange))
     pairs = [(k, len(links)) for k, body in enumerate(placed.bodies[:-1]) if body == robot.n - 2]
-    away = own_distances(placed, *placed.segments(random_postures(placed, 1000)), pairs) if pairs else np.zeros(1)
+    away = own_distances(placed.radii, *placed.segments(random_postures(placed, 1000)), pairs) if pairs else np.zeros(1)
     if away.min() >= 0:
         return (tool,)
     share = ((robot.tool_radius or 0.0) - float(away.min())) / tool.length

@@ -76,7 +76,8 @@ def slack(scene, q):
 def distances(scene, q):
     """The distance of every pair that is checked at one posture, by coal [m]."""
     solids = [coal_distance.capsule(*in_the_world(scene.robot, q, capsule)) for capsule in scene.placed.capsules]
-    own = [coal_distance.distance(solids[i], solids[j]) for i, j in scene.own]
+    thin = [capsule.radius - counted for capsule, counted in zip(scene.placed.capsules, scene.own_radii, strict=True)]
+    own = [coal_distance.distance(solids[i], solids[j]) + thin[i] + thin[j] for i, j in scene.own]
     others = zip(scene.obstacles, scene.against, strict=True)
     far = [coal_distance.distance(solids[k], coal_distance.solid(o)) for o, chosen in others for k in chosen]
     return own + far

@@ -283,4 +283,4 @@ def test_an_assumed_tool_does_not_keep_the_wrist_from_bending(robot: str) -> Non
     q = po.PostureSelector(po.problem_from_dict(data), compiled=False).solve(starts=2).q
     scene = po.problem_from_dict(data).scene
     assert brute_force.slack(scene, q) >= -1e-8
-    assert min(scene.required) in (0.0, -0.02)
+    assert min(scene.required) >= 0
