@@ -121,6 +121,9 @@ class BadValueError(ValueError):
         return Issue(self.message, key, value, self.hint)
 
 
+MOST_TOLD = 20  # issues: a file of another kind is wrong throughout, as the first ones show
+
+
 class PostureOptError(Exception):
     """Base of all errors raised on purpose; ``exit_code`` is what the command line returns.
 
@@ -141,7 +144,9 @@ class PostureOptError(Exception):
         """The document of this error: its exit code and its issues."""
         ids = {3: "selection.no-solution", 4: "measurements.insufficient"}
         issues = getattr(self, "issues", ()) or (Issue(str(self), id=ids.get(self.exit_code, "input.invalid")),)
-        return {**self.answer, "error": {"code": self.exit_code, "issues": [issue.to_json() for issue in issues]}}
+        told, left = [issue.to_json() for issue in issues[:MOST_TOLD]], len(issues) - MOST_TOLD
+        more = {"more": left} if left > 0 else {}
+        return {**self.answer, "error": {"code": self.exit_code, "issues": told, **more}}
 
 
 class InputError(PostureOptError):
@@ -149,7 +154,7 @@ class InputError(PostureOptError):
 
     Args:
         issues: everything wrong with it, not only the first thing; a plain text is one issue without a place. Its text
-            has the first 20, and how many more there are.
+            has the first 20, and how many more there are, and so has its document.
     """
 
     exit_code = 2
@@ -158,8 +163,7 @@ class InputError(PostureOptError):
         if isinstance(issues, str):
             issues = Issue(issues)
         self.issues: tuple[Issue, ...] = (issues,) if isinstance(issues, Issue) else tuple(issues)
-        # A file of another kind is wrong throughout, as the first issues show.
-        lines, left = [str(issue) for issue in self.issues[:20]], len(self.issues) - 20
+        lines, left = [str(issue) for issue in self.issues[:MOST_TOLD]], len(self.issues) - MOST_TOLD
         super().__init__("\n".join([*lines, f"and {left} more"] if left > 0 else lines))
 
 
@@ -172,6 +176,7 @@ class NoSolutionError(PostureOptError):
     """
 
     exit_code = 3
+    shown = False  # whether the document of the solution stands on standard output
 
     def __init__(self, message: str, solution: Any = None) -> None:
         super().__init__(message)

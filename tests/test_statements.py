@@ -94,4 +94,4 @@ def test_a_quantity_writes_itself() -> None:
     assert str(Quantity(2.61e-4, "angle", 1.2e-5)) == "0.261 ± 0.012 mrad"
     assert str(Quantity(1.23e-4)) == "0.123 mm"
     assert str(Quantity(0.99995, "probability")) == "> 99.9 %"
-    assert Quantity(8e-6, "angle per torque", 1e-7).to_json() == {"value": 8e-6, "std": 1e-7, "unit": "rad/(N*m)"}
+    assert Quantity(8e-6, "angle per torque", 1e-7).to_json() == {"value": 8e-6, "std": 1e-7, "unit": "rad/(N m)"}

@@ -205,9 +205,8 @@ class PostureCommands(click.Group):
 
 def _report_error(error: BaseException, debug: bool, as_json: bool) -> int:
     """The exit code of an error, after its text on standard error, and its document where JSON was asked for."""
-    solved = getattr(error, "solution", None) is not None  # its document is there already
     try:
-        if as_json and not solved and isinstance(error, PostureOptError | click.ClickException):
+        if as_json and not getattr(error, "shown", False) and isinstance(error, PostureOptError | click.ClickException):
             if isinstance(error, click.ClickException):
                 reported: PostureOptError = InputError(Issue(error.format_message(), id="input.usage"))
             else:

@@ -36,6 +36,7 @@ def solve(common: Common, explain: bool, **given: str | None) -> None:
         save_result(common, found)
     show(common, found.to_json, lambda: found.report(full=common.full) + (f"\n{found.explain()}" if explain else ""))
     if reason is not None:
+        reason.shown = True
         raise reason
 
 

@@ -43,7 +43,7 @@ def said(found: po.Diagnosis, *effects: Finding, **changes: Any) -> dict[str, An
 
 
 def soft(joint: str, size: float = 1e-5, **more: Any) -> Finding:
-    return Finding(JointCompliance(joint=joint), {"compliance": (size, 1e-6, "rad/(N*m)")}, 1e-9, 0.1, **more)
+    return Finding(JointCompliance(joint=joint), {"compliance": (size, 1e-6, "rad/(N m)")}, 1e-9, 0.1, **more)
 
 
 def scale(joint: str, size: float) -> Finding:
@@ -72,7 +72,7 @@ def test_an_arm_can_work_on_unless_something_gave_way(found: po.Diagnosis) -> No
     assert "may-work" not in first
     loose = soft("joint1", confounded_with=(BaseCompliance(),))
     assert said(found, wheel, loose)["tighten-base-first"].values["numbers"] == ("2",)
-    base = Finding(BaseCompliance(), {"compliance": (1e-5, 1e-5, "rad/(N*m)")}, 1e-9, 0.3, determined=False)
+    base = Finding(BaseCompliance(), {"compliance": (1e-5, 1e-5, "rad/(N m)")}, 1e-9, 0.3, determined=False)
     assert "stop-first" in said(found, wheel, base)
     changed = replace(found)
     vars(changed)["scatter_change"] = ScatterChange(128, 1e-4, 3e-4, 1e-5)

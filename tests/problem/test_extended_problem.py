@@ -69,7 +69,7 @@ KNOWN = {
     "gear_eccentricity(joint3).cos": 0.8e-4,
     "thermal_growth(all).expansion": 2.0e-5,
 }
-UNITS = ["mrad", "mrad", "mm", "rad/(N*m)", "rad", "rad", "rad", "1/K"]
+UNITS = ["mrad", "mrad", "mm", "rad/(N m)", "rad", "rad", "rad", "1/K"]
 ESTIMATES = {"c": 9e-6, "b": 3e-4, "sin": 2e-4, "cos": -1e-4, "alpha": 1.5e-5}
 POSTURE = np.array([0.4, -1.1, 1.3, -0.6, 0.9, 0.2])
 
@@ -294,7 +294,7 @@ def test_effects_may_have_covariances_of_their_own(tmp_path: Path) -> None:
     """Beside sigma, in a file of their own, with names of the geometry in it or without; a wrong one is told of."""
     known = np.array([4e-14, 2e-13])  # (0.2 urad/(N m))², and a geometry's 1e-7 rad with it
     names = ["joint_compliance(joint2).compliance", "joint2.theta"]
-    (tmp_path / "own.csv").write_text(covariance_text(names, np.diag(known), ["rad/(N*m)", "mrad"]))
+    (tmp_path / "own.csv").write_text(covariance_text(names, np.diag(known), ["rad/(N m)", "mrad"]))
     data = file_of(ARMS["ur10"]())
     data["uncertainty"] = {"sigma": {"joint1.theta": "0.1 mrad", "backlash(joint1).width": "30 urad"}}
     compliance = {"kind": "joint_compliance", "joint": "joint2", "estimate": {"compliance": "9 urad/(N m)"}}
