@@ -317,25 +317,37 @@ def test_a_workpiece_that_stands_moves_and_turns_its_path():
     assert found.to_json()["workpiece"] == pytest.approx({"x": 0.5, "y": 0, "z": 0.2, "yaw": math.pi / 6})
 
 
-def test_a_path_that_fails_is_explained_by_its_worst_point_and_the_change_does_for_all() -> None:
-    """Behind a SCARA: the point on the axis of symmetry needs most of its first joint."""
-    points = [[-0.15, y, -0.08] for y in (0.06, 0.022, 0.011, 0.0, -0.011, -0.022, -0.06)]
-    task = {"kind": "dispense", "points": [[f"{x} m" for x in point] for point in points]}
-    problem = po.problem_from_dict(
+def behind_a_scara(*across: float) -> po.Problem:
+    task = {"kind": "dispense", "points": [[f"{x} m" for x in (-0.15, y, -0.08)] for y in across]}
+    return po.problem_from_dict(
         {"robot": {"kind": "preset", "name": "scara"}, "uncertainty": {"repeatability": "0.02 mm"}, "task": task,
          "cell": "none"}
     )  # fmt: skip
+
+
+def test_a_path_that_fails_is_explained_by_its_worst_point() -> None:
+    """Behind a SCARA the point on the axis of symmetry needs most of its first joint."""
     with pytest.raises(po.errors.NoSolutionError, match="point 4: joint1 would have to go to") as caught:
-        po.select_posture(problem)
+        po.select_posture(behind_a_scara(0.06, 0.022, 0.011, 0.0, -0.011, -0.022, -0.06))
     # The law of cosines at 150 mm, straight behind: the angle that the joint needs.
     first, second = 0.22, 0.13
     shoulder = np.arccos((first**2 + 0.15**2 - second**2) / (2 * first * 0.15))
     beyond = 180 - np.degrees(shoulder) - 140
     (reason,) = caught.value.solution.reasons
     assert np.degrees(reason.amount) == pytest.approx(beyond, abs=0.01)
+    # Limits that reach there alone would make the arm turn round in the middle of the path.
+    assert not caught.value.solution.relaxations
+
+
+def test_a_change_of_limits_leads_along_the_whole_path_without_a_break() -> None:
+    problem = behind_a_scara(0.06, 0.022, 0.011, 0.0)
+    with pytest.raises(po.errors.NoSolutionError) as caught:
+        po.select_posture(problem)
     assert caught.value.solution.relaxations
     for relaxation in caught.value.solution.relaxations:
-        assert po.select_posture(changed(problem, relaxation)).status != "infeasible"
+        found = po.select_posture(changed(problem, relaxation))
+        assert found.status != "infeasible"
+        assert not found.breaks
 
 
 def test_tangents_bisect_corners_and_go_round_closed_paths():

@@ -181,6 +181,11 @@ class PathAnswer:
 
     @property
     def closed(self) -> bool:
+        """Whether the motion ends in the posture in which it began."""
+        return self.returns and not self.law.whole_turns
+
+    @property
+    def returns(self) -> bool:
         """Whether the motion ends where it began, or whole turns of joints away."""
         Q = self.motion.Q
         off = np.abs(Q[-1] - Q[0])
@@ -203,7 +208,7 @@ class PathAnswer:
             "sigma_max_bound": finite_or_none(self.bound),
             "off_line": self.off_line,
             "closed": self.closed,
-            "whole_turns": self.law.whole_turns if self.closed else {},
+            "whole_turns": self.law.whole_turns if self.returns else {},
             "speed": self.law.speed,
             "highest_speed": self.law.highest,
             "times": self.times,

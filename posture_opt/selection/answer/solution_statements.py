@@ -24,6 +24,8 @@ from posture_opt.uncertainty.joint_digits import readable_posture
 from posture_opt.uncertainty.sources import source_size
 from posture_opt.units import joint_text
 
+_APART_M = 1e-6  # m: ends of a path nearer to each other than this are one point
+
 if TYPE_CHECKING:
     from posture_opt.selection.answer.solution import Solution
     from posture_opt.selection.answer.target_answer import Alternative
@@ -128,6 +130,10 @@ def _motion(found: Solution) -> tuple[Statement, ...]:
     if isinstance(found.task, PathTask) and found.task.closed:
         turned = [state("selection.path-turned", name, turns=n) for name, n in found.law.whole_turns.items()]
         said += turned or [state("selection.path-closed")]
+    elif not found.closed and np.linalg.norm(found.path.points[-1] - found.path.points[0]) < _APART_M:
+        off = np.abs(found.motion.Q[-1] - found.motion.Q[0])
+        joint = found.problem.robot.joints[int(np.argmax(off))]
+        said.append(state("selection.path-ends-apart", joint.name, moved=joint_text(float(off.max()), joint.unit)))
     return (*said, *_speed(found))
 
 

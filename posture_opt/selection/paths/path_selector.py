@@ -259,16 +259,17 @@ class PathSelector(DerivedAgain):
         return engine, steps, found
 
     def can_be_done(self) -> bool:
-        """Whether postures, steps and speed lead along the path; why not is not asked."""
+        """Whether postures, steps and speed lead along the path without a break; why not is not asked."""
         seed = self.problem.solver.seed
         engine, steps, found = self._candidates(self.targets, seed)
         if not all(map(len, found.costs)):
             return False
         stated, speed = self.task.largest_step, self.task.stated_speed
-        if stated is None and speed is None:
-            return True
         search = self._joined(self.path, engine, found, steps)
-        if stated is not None and search.calmest[1].largest_step > stated + STEP_TOLERANCE_RAD:
+        motion = search.calmest[1]
+        if search.breaks(motion, off_lines(search.engine, motion.Q)):
+            return False
+        if stated is not None and motion.largest_step > stated + STEP_TOLERANCE_RAD:
             return False
         return speed is None or keeps_speed(search.law(search.fastest(speed)), speed)
 
