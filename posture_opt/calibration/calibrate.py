@@ -42,7 +42,7 @@ from posture_opt.calibration.second_file import LargeFile, Model, predict_other_
 from posture_opt.errors import InsufficientDataError
 from posture_opt.interrupts import interruptible
 from posture_opt.limits import MOST_FITTED
-from posture_opt.measurements.measurements import Measurements, moves
+from posture_opt.measurements.measurements import Measurements, on_a_path
 from posture_opt.measurements.repeats import thin
 from posture_opt.numerics import Array, Mask, Progress
 from posture_opt.selection.problem_data import ProblemData
@@ -252,7 +252,7 @@ def default_by(data: Measurements) -> By:
     """What a cross-validation leaves out together where none is stated."""
     if data.touches and len(data.point_names) == 1:
         return "pose"
-    return "stretch" if moves(data) and not data.touches else data.kind.held_out_by
+    return "stretch" if on_a_path(data) and not data.touches else data.kind.held_out_by
 
 
 @dataclass(frozen=True, eq=False)

@@ -140,6 +140,8 @@ def may_work(found: Diagnosis) -> Iterator[Statement]:
     if urgent:
         reasons = tuple(dict.fromkeys(f.cause.urgent.format(target=f.target) for f in urgent))
         yield state("diagnosis.stop-first", urgent[0].target, reasons=reasons)
+    elif found.questioned:
+        return
     elif bent is not None and not bent.is_zero:
         yield state("diagnosis.inspect-link-first", GeometricDeviation.of(bent.parameter).target)
     elif found.scatter_change is not None:
@@ -153,7 +155,7 @@ def _may_work_meanwhile(found: Diagnosis) -> Iterator[Statement]:
     if loose:
         yield state("diagnosis.tighten-base-first", "base", numbers=numbers_of(found, loose))
     sure = [f for f in found.effects if f.determined]
-    if found.delivery.kept and not found.questioned and any(f.effect for f in sure):
+    if found.delivery.kept and any(f.effect for f in sure):
         if leads := [f for f in sure if f.leads]:
             yield state("diagnosis.moved-by-hand", numbers=numbers_of(found, leads))
         yield state("diagnosis.may-work")

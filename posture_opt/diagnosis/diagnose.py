@@ -34,7 +34,7 @@ from posture_opt.diagnosis.causes.delivered_arm import (
     outlasts_session,
 )
 from posture_opt.diagnosis.causes.determined_sizes import choice_deviations, with_choice_errors, with_mass_errors
-from posture_opt.diagnosis.causes.geometry_causes import Estimated, geometry_causes
+from posture_opt.diagnosis.causes.geometry_causes import Estimated, determined_corrections, geometry_causes
 from posture_opt.diagnosis.causes.sessions import second_session, three_models
 from posture_opt.diagnosis.diagnosis import Diagnosis
 from posture_opt.diagnosis.noise.noise_causes import joint_scatter, noise_causes, noise_shape, sided_joints
@@ -140,7 +140,8 @@ def diagnose(
     delivery = _deliver(found, held, parts, with_time)
     held["delivered"] = delivery.held
     findings = _all_findings(found, groups, parts)
-    if delivery.nominal:  # what the data do not tell of all other parts may be in the size of a single one
+    # What the data do not tell of all other parts may be in the size of a single one.
+    if delivery.nominal or not determined_corrections(calibration, model):
         findings = tuple(replace(f, determined=not isinstance(f.cause, GeometricDeviation)) for f in findings)
     stages.next()
     other, large = None, None

@@ -143,7 +143,7 @@ def sized_words(found: Diagnosis, finding: Finding) -> str:
 def _unbuildable(found: Diagnosis) -> Iterator[Statement]:
     """The correction of the geometry that no arm is built with, where the geometry is a cause."""
     largest = found.unbuildable
-    if largest is not None and not found.overfitted:
+    if largest is not None and not (found.overfitted or found.questioned):
         parameter = largest.parameter
         off = Quantity(largest.value, "length" if parameter.unit == "m" else "angle", largest.std)
         which = "zero-unbuildable" if largest.is_zero else "correction-unbuildable"

@@ -204,7 +204,9 @@ def _read_columns(titles: Sequence[str], robot: Robot, line: int, faults: Faults
         if name.encode() in outside and name not in robot.joint_names:
             hint = "leave the column out if it stood still, or state another base_link in the section robot"
             faults.add("a joint of the URDF that is not between base_link and tip_link", name, hint=hint, line=line)
-        elif spec.columns and not get_close_matches(name.lower(), free, 1, 0.8):
+        elif spec.columns and (
+            name.strip("_%# ") in _INPUT_DIMENSIONS or not get_close_matches(name.lower(), free, 1, 0.8)
+        ):
             header.left_out += [name] if name else []
         else:
             header.unknown[name] = _likely_column(name, free, robot) or nearest(name, free)

@@ -21,7 +21,6 @@ from posture_opt.measurements.measurements import (
 )
 from posture_opt.measurements.orientation_columns import OrientationColumns
 from posture_opt.measurements.readings import (
-    SCALE,
     Reading,
     axis_readings,
     better_reading,
@@ -30,6 +29,7 @@ from posture_opt.measurements.readings import (
     joint_readings,
     orientation_readings,
     sample_of,
+    scale_reading,
     unit_readings,
 )
 from posture_opt.measurements.table import Faults
@@ -174,7 +174,8 @@ def _better_reading(
             found.append(direction_reading(spec.frame == "camera", spec.direction == "inverted"))
         if data.position is None:
             return found
-        return [*found, SCALE, *axis_readings([axis for axis in AXES if axis in columns], robot.base_free)]
+        found.append(scale_reading(spec.frame == "camera"))
+        return [*found, *axis_readings([axis for axis in AXES if axis in columns], robot.base_free)]
 
     return better_reading(sample, problem.arm, readings)
 

@@ -170,8 +170,12 @@ def direction_reading(camera: bool, inverted: bool) -> Reading:
     return Reading("reading.direction", "each pose is inverted", line, "x", of)
 
 
-# Lengths that the instrument or the board has a factor too long
-SCALE = Reading("reading.scale", "", "", "x", lambda rows: rows, 1, scale=True)
+def scale_reading(camera: bool) -> Reading:
+    """Lengths that the board or the instrument has a factor too long."""
+    board = "was the board printed at {size} of the size that was entered? Else divide x, y, z by {factor}"
+    hint = board if camera else "check the unit and the scale of the instrument, or divide x, y, z by {factor}"
+    message = "all measured lengths are {factor} times those of the arm"
+    return Reading("reading.scale", message, hint, "x", lambda rows: rows, 1, scale=True)
 
 
 def _of_joints(
@@ -266,11 +270,8 @@ def better_reading(sample: Sample, arm: Arm, readings: Callable[[], Sequence[Rea
 
 
 def _words(reading: Reading, fit: FrameFit) -> ReadingWords:
-    message, hint = reading.message, reading.hint
-    if reading.scale:
-        message = f"its lengths are {fit.scale:.5g} times too long"
-        size, factor = f"{1 / fit.scale:.4g}", f"{fit.scale:.5g}"
-        hint = f"is the board {size} times the size that was entered? else divide x, y, z by {factor}"
+    numbers = {"size": f"{1 / fit.scale:.4g}", "factor": f"{fit.scale:.5g}"} if reading.scale else {}
+    message, hint = (text.format(**numbers) if numbers else text for text in (reading.message, reading.hint))
     return ReadingWords(reading.id, message, hint, reading.column)
 
 
