@@ -185,8 +185,9 @@ def statements_of(found: Calibration) -> tuple[Statement, ...]:
 def _answer(found: Calibration) -> list[Statement]:
     """What calibration brings, and where the frames are that are all of it."""
     before, after = Quantity(found.nominal.rms), Quantity(found.calibrated.rms)
-    what = found.request.data.kind.error_words
-    if not any(p.group == "geometry" for p in found.parameters):
+    data = found.request.data
+    what, tool_alone = data.kind.error_words, data.touches and len(data.point_names) == 1
+    if (tool_alone and found.keeps_nominal) or not any(p.group == "geometry" for p in found.parameters):
         said = [state("calibration.frames-found", what=what, left=before)]
     else:
         which = "error-reduced" if after.value < before.value else "error-not-reduced"
@@ -206,6 +207,8 @@ def frames(found: Calibration) -> list[Statement]:
         }
         if {*"xyz"} <= {*texts}:
             said.append(state("calibration.frame-found", frame, at=[f"{name} {text}" for name, text in texts.items()]))
+        elif frame == "tool" and found.request.data.touches and found.request.problem.robot.tool_free:
+            said.append(state("calibration.frame-open", frame, open=sorted({*"xyz"} - {*texts})))
     return said
 
 

@@ -50,6 +50,9 @@ def check_amount(residuals: Residuals, known: FitSetup, groups: int) -> None:
         alike = "all rows are alike" if still else "all rows belong to one group"
         raise InsufficientDataError(f"{alike}: {counted} cannot determine how the arm errs elsewhere; {measure}")
     tool_alone = data.touches and len(data.point_names) == 1  # the arm is held within its tolerances
+    if tool_alone and groups < 4:
+        text = f"{groups} touches of one point do not show how well the tool point is known"
+        raise InsufficientDataError(Issue(text, hint="touch it from at least 4 postures, tilted differently"))
     rank = min(known.directions.shape[1], len(residuals.free)) if tool_alone else known.directions.shape[1]
     if len(data) * block + len(residuals.distances) <= rank or groups < 2:
         unknowns = f"{len(residuals.parameters)} parameters and their errors"
