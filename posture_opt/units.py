@@ -139,6 +139,8 @@ def _unit_factor(unit: str, dimension: str) -> float:
         return 1.0
     if any(unit == other for other, kind in _COMMON_FACTORS if {kind, dimension} == {"length", "angle"}):
         raise BadValueError(f"'{unit}' is not a unit of {dimension}", f"write for example {example}")
+    if unit[:1] in (",", "."):
+        raise BadValueError("a number has one decimal point and no other sign", f"write for example {example}")
     if len(unit) > 40 or not _UNIT.fullmatch(unit):  # pint would compute 9**9**9**9
         raise BadValueError(f"unknown unit '{unit[:40]}'", f"write for example {example}")
     units = registry()

@@ -69,7 +69,7 @@ class Mounting:
     def statement(self, depth: float) -> Statement | None:
         """Its statement where it is assumed; ``depth`` [m] of the arm below it."""
         place = f"{stated_length(self.below)} below the base frame" if self.below else "at its base"
-        if self.dropped:
+        if self.dropped and depth > 5e-4:  # less is none in whole millimetres
             return state("collision.mounting-dropped", depth=Quantity(depth), place=place)
         return state("collision.mounting-assumed", place=place) if self.assumed else None
 

@@ -150,12 +150,6 @@ class Scene:
         return tuple((joints[i], joints[j] if isinstance(j, int) else j) for i, j in self._keys)
 
     @cached_property
-    def held(self) -> tuple[tuple[tuple[str, str], float], ...]:
-        """Pairs that cannot have the margin: their names, and the distance [m] that they keep."""
-        kept = zip(self.pairs, self.required, strict=True)
-        return tuple((names, distance) for names, distance in kept if 0 <= distance < self.margin)
-
-    @cached_property
     def unchecked(self) -> tuple[str, ...]:
         """Names of links without a shape: all, where nothing is checked at all."""
         if not self.placed.capsules:
@@ -350,7 +344,7 @@ def scene_statements(scene: Scene, Q: Array) -> tuple[Statement, ...]:
     checked = state("collision.checked-with-margin", bodies=bodies, margin=margin)
     said.append(checked if scene.margin else state("collision.checked", bodies=bodies))
     said += [] if scene.stated_obstacles else [state("collision.no-obstacles")]
-    said += [*_shapes(scene), *_unchecked_pairs(scene)]
+    said += [*_shapes(scene), *_unchecked_pairs(scene, Q)]
     clearance = scene.clearance(Q)
     if scene.margin == 0 and clearance is not None and clearance.distance < 5e-3:
         said.append(state("collision.very-near"))
@@ -390,15 +384,16 @@ def _shapes(scene: Scene) -> list[Statement]:
     return said
 
 
-def _unchecked_pairs(scene: Scene) -> list[Statement]:
+def _unchecked_pairs(scene: Scene, Q: Array) -> list[Statement]:
     said = []
     if scene.left_out:
         said.append(state("collision.pairs-left-out", pairs=tuple(f"{a} with {b}" for a, b in scene.left_out)))
     least: dict[tuple[str, str], float] = {}
-    for names, distance in scene.held:
-        least[names] = min(distance, least.get(names, distance))
+    for names, required, away in zip(scene.pairs, scene.required, scene.distances(Q).min(axis=0), strict=True):
+        if required < scene.margin and away < scene.margin:
+            least[names] = min(float(away), least.get(names, float(away)))
     if least:
-        pairs = tuple(f"{a} with {b} {Quantity(away, _STATED)}" for (a, b), away in least.items())
+        pairs = tuple(f"{a} and {b} ({Quantity(away, _STATED)})" for (a, b), away in least.items())
         said.append(state("collision.pairs-closer", pairs=pairs, margin=Quantity(scene.margin, _STATED)))
     return said
 

@@ -256,7 +256,7 @@ def _task_error(plan: MeasurementPlan) -> Iterator[Statement]:
 def tour_statements(plan: MeasurementPlan) -> Iterator[Statement]:
     """Moves that collide, what the others keep clear of, and joints that arrive from one side alone."""
     tour, scene = plan.tour, plan.workspace.scene
-    if len(plan.q) > 1:
+    if len(plan.q) > 1 and not plan.robot.pose_prefix:  # a flange has no joints to move
         last = [f"{len(plan.q)} to 1"] if tour.back and plan.repeats > 1 else []
         bodies = ("the arm itself", *(obstacle.name for obstacle in scene.obstacles))
         if tour.blocked or last:

@@ -110,10 +110,16 @@ def turned_joints_of(robot: Robot, there: Container[str]) -> tuple[str, ...]:
     return robot.joint_names[-3:]
 
 
-def joint_turns(cells: Cells, columns: dict[str, Column], robot: Robot, faults: Faults) -> dict[str, Array]:
-    """Joint -> (N,) its values, of the joints that an orientation holds: ``R = Rz(q₃) Ry(q₄) Rx(q₅)``."""
+def joint_turns(
+    cells: Cells, columns: dict[str, Column], robot: Robot, spec: DataSpec, faults: Faults
+) -> dict[str, Array]:
+    """Joint -> (N,) its values, of the joints that an orientation holds: ``R = Rz(q₃) Ry(q₄) Rx(q₅)``.
+
+    The stated convention is that of what was measured, where the rows have such an orientation too.
+    """
     joints = turned_joints_of(robot, columns)
-    found = orientation_of(cells, columns, robot, DataSpec(), faults, robot.pose_prefix) if joints else None
+    own = DataSpec() if is_oriented(columns, robot) else spec
+    found = orientation_of(cells, columns, robot, own, faults, robot.pose_prefix) if joints else None
     if found is None:
         return {}
     R = rotation_matrices(found.quaternions())

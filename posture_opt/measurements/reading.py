@@ -104,7 +104,7 @@ def _assemble_rows(
     cells: Cells, columns: dict[str, Column], problem: HasData, turned: OrientationColumns | None, faults: Faults
 ) -> Measurements:
     line, robot = cells.line, problem.robot
-    turns = joint_turns(cells, columns, robot, faults)
+    turns = joint_turns(cells, columns, robot, problem.data, faults)
     faults.refuse()
     q = np.column_stack([turns[n] if n in turns else cells.present(n) for n in robot.joint_names])
     q, turned_joints = _as_counted(q, robot, problem.data)

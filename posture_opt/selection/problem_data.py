@@ -191,6 +191,10 @@ class FittedArm:
 
 
 def task_of(problem: ProblemData) -> Task:
+    """The task; InputError without one, or without an arm that could do it."""
+    if problem.robot.pose_prefix:
+        hint = "state the arm: robot: {kind: preset, name: ur10}, say"
+        raise InputError(Issue("the flange of an unknown arm has no posture to choose", ("robot", "kind"), hint=hint))
     if problem.task is None:
         hint = "add task: {kind: insert}, or name one: --task insert"
         raise InputError(Issue("the problem states no task", ("task",), hint=hint))

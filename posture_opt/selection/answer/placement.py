@@ -83,7 +83,7 @@ def placement_text(w: Array, placement: PlacementRange) -> str:
     for k, name in enumerate(COORDINATES):
         text = f"{name} {Quantity(float(w[k]), 'coordinate' if k < 3 else 'joint angle')}"
         if not placement.free[k]:
-            text += " (fixed)"
+            text += " (fixed)" * bool(np.any(placement.free))
         elif k < 3 or not placement.all_round:
             text += " (end of its range)" * bool(min(w[k] - placement.lower[k], placement.upper[k] - w[k]) < 1e-9)
         texts.append(text)

@@ -91,6 +91,8 @@ class Reasons:
         point = np.array(self.problem.tool_point.walk(self.way.q.tolist())[0].position, dtype=float)
         distance = float(np.linalg.norm(np.clip(point, self.target.lower, self.target.upper) - point))
         message = f"the target is out of reach by {_plain(distance * 1e3)} mm{self._condition()}"
+        if distance > 5 * self.problem.robot.length > 0:
+            message = f"the target is {distance:.3g} m out of reach; check its unit"
         return Reason(TARGET, message, distance, "m")
 
     def _condition(self) -> str:
