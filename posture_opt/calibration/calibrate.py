@@ -42,8 +42,8 @@ from posture_opt.calibration.second_file import LargeFile, Model, predict_other_
 from posture_opt.errors import InsufficientDataError
 from posture_opt.interrupts import interruptible
 from posture_opt.limits import MOST_FITTED
-from posture_opt.measurements.measurements import Measurements, on_a_path
-from posture_opt.measurements.repeats import thin
+from posture_opt.measurements.measurements import Measurements
+from posture_opt.measurements.repeats import on_a_path, thin
 from posture_opt.numerics import Array, Mask, Progress
 from posture_opt.selection.problem_data import ProblemData
 

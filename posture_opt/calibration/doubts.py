@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from posture_opt.calibration.cross_validation import position_errors
-from posture_opt.calibration.estimation.fit import minimum_of
+from posture_opt.calibration.estimation.fit import Fit, minimum_of
 from posture_opt.calibration.estimation.identifiability import identify_parameters
 from posture_opt.calibration.estimation.residuals import Residuals
+from posture_opt.errors import enumerated
 from posture_opt.files import preset_names
 from posture_opt.measurements.measurements import SAME_POSTURE_RAD, Measurements
+from posture_opt.model.effects.base.joint_effect import LostMotion
 from posture_opt.numerics import Array, Codes, Json, rms_length
 from posture_opt.robot.preset import load_preset
 from posture_opt.robot.robot import Robot
@@ -80,6 +82,29 @@ def _counted_sides(data: Measurements) -> tuple[Codes, Codes]:
     step, side = np.diff(data.q[data.order], axis=0), data.approach[data.order][1:]
     moved = (np.abs(step) > SAME_POSTURE_RAD) & (side != 0) & data.approach_given
     return np.sum(moved & (np.sign(step) != np.sign(side)), axis=0), moved.sum(axis=0)
+
+
+def turned_sides(data: Measurements, model: Fit) -> set[str]:
+    """The joints whose sides contradict the order of the rows, if one has a negative lost motion with them.
+
+    Either alone may be true of an arm: one that passes its posture and returns, or compensates friction by too much.
+    """
+    doubted = {data.joint_names[j] for j in sides_against_order(data)}
+    lost = zip(model.effects, model.slices, strict=True)
+    negative = {e.moved_joint for e, part in lost if isinstance(e, LostMotion) and model.x[part.start] < 0}
+    return doubted if doubted & negative else set()
+
+
+def with_sides_reversed(data: Measurements, joints: set[str]) -> Measurements:
+    """The rows with the sides of those joints reversed where they contradict the order of the rows; the data say so."""
+    those = [j for j in sides_against_order(data) if data.joint_names[j] in joints]
+    if not those:
+        return data
+    approach = data.approach.copy()
+    approach[:, those] *= -1
+    names = enumerated([data.joint_names[j] for j in those])
+    said = "contradict the order of the rows and would make lost motion negative: they are read reversed"
+    return replace(data, approach=approach, warnings=(*data.warnings, f"Stated sides of {names} {said}"))
 
 
 def without_copies(data: Measurements) -> Measurements:

@@ -12,7 +12,13 @@ from posture_opt.calibration.assumptions.contradictions import GeometricDeviatio
 from posture_opt.calibration.calibrate import calibrate, of_problem, restated, reweighed
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.cross_validation import HeldOut, held_out
-from posture_opt.calibration.doubts import doubts_about, free_directions, sides_against_order, without_copies
+from posture_opt.calibration.doubts import (
+    doubts_about,
+    free_directions,
+    turned_sides,
+    with_sides_reversed,
+    without_copies,
+)
 from posture_opt.calibration.estimation.error_statistics import By, Statistics, folds_of, groups_of
 from posture_opt.calibration.estimation.fit import Fit, fit_with_effects
 from posture_opt.calibration.estimation.fit_request import FitRequest, Stages
@@ -52,13 +58,12 @@ from posture_opt.diagnosis.search.outlier_reinclusion import (
 )
 from posture_opt.diagnosis.search.rivals import unrefuted_rivals
 from posture_opt.diagnosis.search.search import SearchResult, keep_named, remaining_unnamed, search_effects
-from posture_opt.errors import enumerated
 from posture_opt.interrupts import interruptible
 from posture_opt.limits import MOST_SEARCHED
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.repeats import repeats_of_one_kind, thin
 from posture_opt.model.effects import Effect
-from posture_opt.model.effects.base.joint_effect import GravityLoaded, LostMotion
+from posture_opt.model.effects.base.joint_effect import GravityLoaded
 from posture_opt.numerics import Array, Codes, Progress, rms
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.validation.prediction import prismatic_joints
@@ -206,15 +211,9 @@ def _all_findings(found: Explained, groups: Codes, parts: list[Codes]) -> tuple[
         places, covariance = prior_covariance(problem, parameters)
         others = [i for i in places if parameters[i].group != "geometry"]
         estimated = Estimated(tuple(places), covariance).without(others)
-    geometry = geometry_causes(
-        residuals,
-        calibration.x_nominal,
-        free_directions(calibration.residuals, calibration.x_nominal),
-        full,
-        full.effects,
-        parts,
-        estimated,
-    )
+    start = calibration.x_nominal
+    free_frames = free_directions(calibration.residuals, start)
+    geometry = geometry_causes(residuals, start, free_frames, full, full.effects, parts, estimated)
     beforehand = contradiction_findings(calibration)
     refuted = [c.cause for c in calibration.contradictions]
     effects = effect_findings(found.names, found.predictive, found.model, groups, found.unrefuted)
@@ -269,29 +268,6 @@ def with_scatter(data: Measurements) -> Measurements:
         rotation = turned / np.linalg.norm(turned, axis=1, keepdims=True)
     note = "The rows are met to the last digit, as simulated ones are: each number got a scatter of 1 nm, or 1 nrad."
     return replace(data, position=position, rotation=rotation, notes=(*data.notes, note))
-
-
-def turned_sides(data: Measurements, model: Fit) -> set[str]:
-    """The joints whose sides contradict the order of the rows, if one has a negative lost motion with them.
-
-    Either alone may be true of an arm: one that passes its posture and returns, or compensates friction by too much.
-    """
-    doubted = {data.joint_names[j] for j in sides_against_order(data)}
-    lost = zip(model.effects, model.slices, strict=True)
-    negative = {e.moved_joint for e, part in lost if isinstance(e, LostMotion) and model.x[part.start] < 0}
-    return doubted if doubted & negative else set()
-
-
-def with_sides_reversed(data: Measurements, joints: set[str]) -> Measurements:
-    """The rows with the sides of those joints reversed where they contradict the order of the rows; the data say so."""
-    those = [j for j in sides_against_order(data) if data.joint_names[j] in joints]
-    if not those:
-        return data
-    approach = data.approach.copy()
-    approach[:, those] *= -1
-    names = enumerated([data.joint_names[j] for j in those])
-    said = "contradict the order of the rows and would make lost motion negative: they are read reversed"
-    return replace(data, approach=approach, warnings=(*data.warnings, f"Stated sides of {names} {said}"))
 
 
 @dataclass(frozen=True)

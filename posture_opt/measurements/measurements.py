@@ -394,22 +394,6 @@ def moves(data: Measurements) -> bool:
     return bool(np.mean((step > SAME_POSTURE_RAD) & (np.diff(data.time[order]) < STOP_S)) > 0.5)
 
 
-def on_a_path(data: Measurements) -> bool:
-    """Whether the rows follow each other along a path: their times say so, or without times steps that are small.
-
-    Steps of a tenth of the usual distance of two rows: of the paths that were simulated 0.06, and of static real sets,
-    grids among them, 0.14 and more.
-    """
-    if data.time is not None or len(data) < 50:
-        return moves(data)
-    rng = np.random.default_rng(0)
-    q = data.q[data.order]
-    one, other = q[rng.integers(0, len(q), (2, 2000))]
-    near, far = (np.abs(steps).max(axis=1) for steps in (np.diff(q, axis=0), one - other))
-    moved = near > SAME_POSTURE_RAD
-    return bool(moved.mean() > 0.5 and np.median(near[moved]) < 0.1 * np.median(far))
-
-
 def joint_speeds(data: Measurements) -> Array:
     """(N, n) speed of the joints [rad/s or m/s] by central differences along each path."""
     assert data.time is not None, "the time of the rows is known"
