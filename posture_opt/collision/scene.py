@@ -389,7 +389,8 @@ def _unchecked_pairs(scene: Scene, Q: Array) -> list[Statement]:
     if scene.left_out:
         said.append(state("collision.pairs-left-out", pairs=tuple(f"{a} with {b}" for a, b in scene.left_out)))
     least: dict[tuple[str, str], float] = {}
-    for names, required, away in zip(scene.pairs, scene.required, scene.distances(Q).min(axis=0), strict=True):
+    own = scene.distances(Q).min(axis=0)[: len(scene.own)]  # what is near an obstacle in any posture is mounted there
+    for names, required, away in zip(scene.pairs, scene.required, own, strict=False):
         if required < scene.margin and away < scene.margin:
             least[names] = min(float(away), least.get(names, float(away)))
     if least:

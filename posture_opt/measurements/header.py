@@ -35,8 +35,8 @@ _UNIT_ABBREVIATIONS = {
     "radian": "rad",
     "kilogram": "kg",
 }
-# Unit of temperature -> what is added to a value to have degC
-_CELSIUS_OFFSETS = {"degC": 0.0, "°C": 0.0, "K": -273.15}
+# Unit of temperature -> factor and offset to °C
+_CELSIUS = {"degC": (1.0, 0.0), "°C": (1.0, 0.0), "K": (1.0, -273.15), "degF": (1 / 1.8, -32 / 1.8)}
 _RATES = {"velocity", "effort", "acceleration", "current", "torque"}  # Words of headers of logs that hold no position
 _SEVERAL_MARKERS = re.compile(r"[xyz][ _.]?(\d+)\b", re.IGNORECASE)  # A coordinate with the number of its marker
 _MAX_LISTED_COLUMNS = 20  # Columns of a foreign file that a message lists
@@ -274,8 +274,8 @@ def _unit_scale(name: str, unit: str, dimension: str, line: int, header: Header,
     if not unit:
         header.unitless[name] = _USUAL_UNITS[dimension]
     elif dimension == "temperature":
-        if unit in _CELSIUS_OFFSETS:
-            return 1.0, _CELSIUS_OFFSETS[unit]
+        if unit in _CELSIUS:
+            return _CELSIUS[unit]
         faults.add(f"'{unit}' is not a unit of temperature", name, unit, hint, line)
     elif unit == DIMENSIONS[dimension][0]:  # needs no table of units
         return 1.0, 0.0
