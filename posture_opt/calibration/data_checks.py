@@ -16,6 +16,7 @@ from posture_opt.errors import InputError, InsufficientDataError, Issue, listed
 from posture_opt.measurements.measurements import Measurements, reach
 from posture_opt.numerics import Array, Codes, Mask, rms_length
 from posture_opt.robot.robot import Robot
+from posture_opt.statements import Quantity
 
 _MAX_NOMINAL_ERROR = 0.1  # of the reach: no nominal model is that wrong
 _STATIONARY_POINT_WORDS = "holds its tool point where no joint moves it"
@@ -198,8 +199,8 @@ def check_sense(residuals: Residuals, x: Array, errors: Array, held: int | None 
     if left < 0.05 * max(motion, _MAX_NOMINAL_ERROR * reach(residuals.robot)):
         return
     message = (
-        f"even calibrated, the arm misses the measured points by {left * 1e3:.4g} mm (RMS), where they move by "
-        f"{motion * 1e3:.4g} mm"
+        f"even calibrated, the arm misses the measured points by {Quantity(left)} (RMS), where they move by "
+        f"{Quantity(motion)}"
     )
     hint = "is it another robot's file? do all joints count in the direction and from the zero of the problem file?"
     # Which of both ends a fit arrives at is a matter of rounding: one that misses is no proof against these rows.

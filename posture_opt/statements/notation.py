@@ -153,16 +153,18 @@ def quantity(value: float, unit: str) -> str:
 
 
 def percent(share: float) -> str:
-    """A share in percent: 97 %, 5.6 %, 0.02 %.
+    """A share in percent: 97 %, 5.6 %, 0.02 %; one that is not whole is not 100 %.
 
-    >>> percent(0.97), percent(0.056), percent(0.0002)
-    ('97 %', '5.6 %', '0.02 %')
+    >>> percent(0.97), percent(0.056), percent(0.0002), percent(0.9996)
+    ('97 %', '5.6 %', '0.02 %', '99.96 %')
     """
     if not math.isfinite(share):
         return UNKNOWN
     value = 100 * share
     if value != 0 and abs(value) < 0.005:
         return "0.00 %"
+    if 99.5 <= value < 100:
+        return f"{math.floor(100 * value) / 100:.4g} %"
     decimals = 0 if abs(value) >= 9.95 else 1 if abs(value) >= 0.95 else 2 if value else 0
     return f"{value:.{decimals}f} %"
 
