@@ -15,7 +15,7 @@ from posture_opt.calibration.calibration import Calibration, calibrated_parts
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements
-from posture_opt.measurements.repeats import repeat_groups
+from posture_opt.measurements.repeats import repeats_of_one_kind
 from posture_opt.measurements.rotations import rotation_matrices, rotation_vectors
 from posture_opt.numerics import Array, Codes, Json
 from posture_opt.result import Result
@@ -209,7 +209,7 @@ def assess(
     every = (calibration.errors_nominal, calibration.errors, calibration.errors_fitted)
     # Measured minus model; less than 1e-12 m is rounding of a coordinate.
     nominal, calibrated, fitted = (np.where(np.abs(e[kept]) > 1e-12, -e[kept], 0.0) for e in every)
-    codes, poses = repeat_groups(used, prismatic_joints(residuals)), len(np.unique(used.pose))
+    codes, poses = repeats_of_one_kind(used, prismatic_joints(residuals)), len(np.unique(used.pose))
     repeats = None
     if data.position is not None:
         deviations = {"nominal": nominal[:, axes], "calibrated": calibrated[:, axes]}

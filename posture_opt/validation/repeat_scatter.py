@@ -11,7 +11,7 @@ from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.errors import InsufficientDataError
 from posture_opt.measurements.measurements import outlying_groups, rows_of
-from posture_opt.measurements.repeats import repeat_groups
+from posture_opt.measurements.repeats import repeats_of_one_kind
 from posture_opt.numerics import Array, Codes, Json, Mask
 from posture_opt.validation.joint_variances import JointVariances, fit_joint_variances
 from posture_opt.validation.model_errors import holm_rejections
@@ -51,7 +51,7 @@ class RepeatScatter:
         for k, name in enumerate(driven):
             if name in errors.names:
                 stated[k] = np.sqrt(between[errors.names.index(name), errors.names.index(name)])
-        codes = np.arange(len(data)) if data.position is None else repeat_groups(data, prismatic_joints(used))
+        codes = np.arange(len(data)) if data.position is None else repeats_of_one_kind(data, prismatic_joints(used))
         scatter = Scatter.of(used.error(calibration.x)[:, used.axes], joint_columns(used, calibration.x), codes)
         firsts = np.array([rows[0] for rows in rows_of(codes) if len(rows) > 1], dtype=np.intp)
         copied = np.trace(scatter.squares, axis1=-2, axis2=-1) <= scatter.freedom * COPY_TOLERANCE_M**2

@@ -52,7 +52,7 @@ def visited() -> tuple[Any, po.Assessment]:
         "pose": np.repeat(np.arange(40), 8),
         "time [s]": 40.0 * np.arange(320),
         "temperature [degC]": 20 + rng.uniform(0, 5, 320),
-        "payload [kg]": rng.choice([0.0, 2.0, 5.0], 320),
+        "payload [kg]": np.repeat(rng.choice([0.0, 2.0, 5.0], 40), 8),
         "joint2.approach": rng.choice([-1, 1], 320),
     }
     return learned(DOCUMENT, table(q, points, **inputs))
@@ -144,6 +144,17 @@ def test_visits_stand_beside_the_ellipse_that_joints_and_instrument_predict(
         (dots,) = [li for li in axes.lines if li.get_label() == "visits about their mean"]
         offsets = 1e3 * (data.position[row : row + 8, :2] - data.position[row : row + 8, :2].mean(axis=0))
         np.testing.assert_allclose(dots.get_xydata(), offsets, atol=1e-9)
+
+
+def test_rows_under_another_payload_repeat_no_posture() -> None:
+    """Loads that move the tool point by a millimetre are no scatter."""
+    rng = np.random.default_rng(5)
+    q, load = np.repeat(rng.uniform(-2.5, 2.5, (30, 2)), 6, axis=0), np.tile([0.0, 0.0, 0.0, 5.0, 5.0, 5.0], 30)
+    points = position(q, (1.0, 1.0)) + 2e-4 * load[:, None] + rng.normal(0, NOISE, q.shape)
+    found = learned(DOCUMENT, table(q, points, **{"payload [kg]": load}))[1]
+    assert len(found.repeats.poses) == 60
+    assert np.median([pose.nominal.repeatability for pose in found.repeats.poses]) < 4 * NOISE
+    assert found.calibration.evaluation.spread_check.repeat_sigma < 1.5 * NOISE
 
 
 def test_directions_and_repeats_stand_in_tables(visited: Any, once: Any) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from posture_opt.measurements.measurements import rows_of
-from posture_opt.measurements.repeats import repeat_groups
+from posture_opt.measurements.repeats import repeats_of_one_kind
 from posture_opt.numerics import Array, Codes
 from posture_opt.report.figures.residuals import chosen_rows, dots_look
 from posture_opt.report.page.colours import BLUE, GREEN, GREY, ORANGE, VERMILLION
@@ -132,7 +132,7 @@ def plot_repeats(problem: ProblemData, shown: Shown, found: Assessment) -> Figur
     the red ellipse: the arm scatters more than the file states."""
     B = _plane(shown, found)
     odd = found.repeats.outlying if found.repeats is not None else ()
-    visits = rows_of(repeat_groups(shown.data, prismatic_joints(shown.residuals)))
+    visits = rows_of(repeats_of_one_kind(shown.data, prismatic_joints(shown.residuals)))
     known = [rows for rows in visits if len(rows) > 1 and int(shown.data.line[rows[0]]) not in odd]
     groups = sorted(known, key=len, reverse=True)
     # Five visits of a pose make a cloud.
