@@ -31,6 +31,7 @@ from posture_opt.problem.named_files import named_files, second_document, with_p
 from posture_opt.problem.parts import fixed_part, input_notes, parse_spec, part_notes, problem_notes, read_parts
 from posture_opt.problem.schema import ProblemSpec, kept_of_task, replaced_data
 from posture_opt.problem.yaml_source import Plain, ProblemDocument, Section
+from posture_opt.robot.meshes import with_whole_paths
 from posture_opt.robot.posture import Posture
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.problem_data import FittedArm, ProblemData
@@ -344,9 +345,10 @@ class Problem(ProblemData):
             return self.attached[name].encode()
         path = located(self.folder, name)
         try:
-            return content(path, MAX_URDF_BYTES)
+            found = content(path, MAX_URDF_BYTES)
         except InputError as error:
             raise naming(path, error) from None
+        return with_whole_paths(found, path) if b"<mesh" in found else found
 
 
 def build_problem(

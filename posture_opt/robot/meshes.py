@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from io import BytesIO
 from pathlib import Path, PurePosixPath
 from typing import Any
+from xml.sax.saxutils import escape, unescape
 
 import numpy as np
 
@@ -15,6 +17,12 @@ from posture_opt.numerics import Array
 MAX_FACES = 100_000  # Faces of a mesh whose own surface is used; of a finer one the convex hull, which contains it
 # What robots are described with; archives, of which a small one may unfold to anything, are not
 _MESH_SUFFIXES = {".stl", ".obj", ".ply", ".off", ".dae"}
+
+
+_MESH_FILE = re.compile(
+    rb"""(?P<before><mesh\b[^>]*?\bfilename\s*=\s*(?P<quote>["']))(?P<name>.*?)(?P=quote)""", re.DOTALL
+)
+_QUOTES = {"&quot;": '"', "&apos;": "'"}
 
 
 class UnreadMeshError(Exception):
@@ -29,6 +37,20 @@ def located_mesh(name: str, urdf: Path) -> Path:
         if is_file(path):
             return path
     raise UnreadMeshError(f"mesh {PurePosixPath(name).name} not found")
+
+
+def with_whole_paths(data: bytes, urdf: Path) -> bytes:
+    """A URDF whose meshes have whole paths where they are found from its own folder: it may then be put elsewhere."""
+
+    def whole(match: re.Match[bytes]) -> bytes:
+        try:
+            path = located_mesh(unescape(match["name"].decode(), _QUOTES), urdf)
+        except (UnreadMeshError, UnicodeDecodeError):
+            return match[0]
+        text = escape(path.resolve().as_posix(), {char: entity for entity, char in _QUOTES.items()})
+        return match["before"] + text.encode() + match["quote"]
+
+    return _MESH_FILE.sub(whole, data)
 
 
 def _candidate_paths(name: str, folder: Path) -> list[Path]:

@@ -149,6 +149,23 @@ def test_meshes_of_a_package_are_found(tmp_path: Path, name: str) -> None:
     assert sum(c.radius for c in robot.shape) / len(ends) < 0.5 * math.sqrt(3)
 
 
+@pytest.mark.parametrize("name", ["package://parts/meshes/a &amp; b.obj", "meshes/a &amp; b.obj"])
+def test_a_problem_that_is_saved_elsewhere_keeps_the_shape(tmp_path: Path, name: str) -> None:
+    pytest.importorskip("trimesh")
+    parts, saved = tmp_path / "parts", tmp_path / "out" / "saved"
+    for folder in (parts / "meshes", saved):
+        folder.mkdir(parents=True)
+    (parts / "meshes" / "a & b.obj").write_text(CUBE)
+    (parts / "arm.urdf").write_text(MESH.format(name))
+    document = "robot: {kind: urdf, file: arm.urdf, tip_link: tip}\nuncertainty: {sigma: {j.theta: 1 mrad}}\n"
+    (parts / "p.yaml").write_text(document)
+    problem = po.load_problem(parts / "p.yaml")
+    for file, content in problem.files("copy").items():
+        (saved / file).write_bytes(content)
+    assert problem.robot.shape
+    assert po.load_problem(saved / "copy.yaml").robot.shape == problem.robot.shape
+
+
 def test_a_broken_mesh_is_a_note(tmp_path: Path) -> None:
     pytest.importorskip("trimesh")
     (tmp_path / "cube.stl").write_bytes(b"no mesh at all")
