@@ -230,7 +230,7 @@ def placed(problem: Problem) -> Iterator[None]:
         yield
     except InputError as error:
         issues = [_named_as_option(problem.placed(issue)) for issue in error.issues]
-        hint = 'write for example --sigma "0.02 deg"'
+        hint = 'write for example --sigma "0.02 deg", or write a file with the data sheet\'s repeatability: new'
         raise InputError([replace(i, hint=hint) if i.key == ("--sigma",) else i for i in issues]) from None
 
 

@@ -82,7 +82,7 @@ def plot_scores(found: Diagnosis) -> Figure:
     at = 0
     for title, group in (
         ("In the model", own),
-        (f"Not in the model: not significant beside it (best {len(others)} of {count - len(own)})", others),
+        (f"Not in the model: explained by what is (best {len(others)} of {count - len(own)})", others),
     ):
         if not group:
             continue
@@ -107,7 +107,7 @@ def plot_scores(found: Diagnosis) -> Figure:
         if x <= right and all(abs(x - math.sqrt(other)) > 0.09 * right for other in ticks):
             ticks.append(tick)
     axes.set_xticks([math.sqrt(t) for t in ticks], [f"{t:g}" for t in ticks])
-    axes.set_xlabel("evidence of each cause tested alone: log p-value over that of the dashed line")
+    axes.set_xlabel("evidence of each cause tested alone (1: the dashed line)")
     legend(figure)
     return figure
 
