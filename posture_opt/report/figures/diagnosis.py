@@ -82,7 +82,7 @@ def plot_scores(found: Diagnosis) -> Figure:
     at = 0
     for title, group in (
         ("In the model", own),
-        (f"Not in the model: explained by what is (best {len(others)} of {count - len(own)})", others),
+        (f"Not in the model (best {len(others)} of {count - len(own)})", others),
     ):
         if not group:
             continue
