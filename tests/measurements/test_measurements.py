@@ -181,7 +181,7 @@ FAULTS = {
         HEAD + ", pose [m]\n0,0,2000,0,1\n",
         [(1, "pose: a column without dimension has the unit 'm'")],
     ),
-    "wrong temperature": (HEAD + ", temperature [degF]\n0,0,2000,0,1\n", [(1, "'degF' is not a unit of temperature")]),
+    "wrong temperature": (HEAD + ", temperature [degR]\n0,0,2000,0,1\n", [(1, "'degR' is not a unit of temperature")]),
     "twice": (HEAD + ", x [m]\n0,0,2000,0,2\n", [(1, "x: two columns have this name – keep one")]),
     "no name": (HEAD + ",\n0,0,2000,0,5\n", [(2, "5 cells in the row, 4 columns in the header")]),
     "no name within": ("," + HEAD + "\n1,0,0,2000,0\n", [(1, "a column has no name")]),
@@ -240,6 +240,13 @@ FAULTS = {
         ],
     ),
 }
+
+
+@pytest.mark.parametrize(("unit", "value"), [("degC", 25.0), ("K", 298.15), ("degF", 77.0)])
+def test_temperatures_are_read_in_each_unit(unit: str, value: float) -> None:
+    table = {"joint1 [deg]": [0.0], "joint2 [deg]": [0.0], "x [mm]": [2e3], "y [mm]": [0.0]}
+    data = po.read_measurements(table | {f"temperature [{unit}]": [value]}, PLANAR)
+    assert data.temperature == pytest.approx([25.0])
 
 
 @pytest.mark.parametrize("case", FAULTS)
