@@ -245,7 +245,7 @@ FAULTS = {
 @pytest.mark.parametrize(("unit", "value"), [("degC", 25.0), ("K", 298.15), ("degF", 77.0)])
 def test_temperatures_are_read_in_each_unit(unit: str, value: float) -> None:
     table = {"joint1 [deg]": [0.0], "joint2 [deg]": [0.0], "x [mm]": [2e3], "y [mm]": [0.0]}
-    data = po.read_measurements(table | {f"temperature [{unit}]": [value]}, PLANAR)
+    data = po.read_measurements(table | {f"temperature [{unit}]": [value]}, po.problem_from_dict(PLANAR))
     assert data.temperature == pytest.approx([25.0])
 
 
