@@ -95,6 +95,18 @@ def test_a_pair_that_cannot_have_the_clearance_keeps_what_it_can() -> None:
     assert np.all(scene.slack(Q)[away < kept] < 0)
 
 
+def test_of_an_assumed_tool_the_axis_counts_and_what_it_would_touch_is_said() -> None:
+    robot = {"kind": "preset", "name": "irb1200", "tool": {"xyz": ["0 m", "0 m", "190 mm"]}}
+    scene = po.problem_from_dict({"robot": robot, "cell": {"clearance": "10 mm"}}).scene
+    assert min(scene.required) >= 0
+    Q = np.random.default_rng(3).uniform(*drawn_between(scene.robot), (500, 6))
+    near = [q for q in Q if scene.slack(q)[0] >= 0 and scene.within_tool(q[None])]
+    assert near
+    for q in near[:5]:
+        assert scene.clearance(q).own.distance >= 0
+        assert [one.id for one in scene.statements(q[None])].count("collision.tool-touches") == 1
+
+
 def test_the_shoulder_near_its_table_keeps_what_it_can() -> None:
     scene = problem_in_cell("ur10", {**TABLE, "size": ["2 m", "2 m", "20 mm"]}, clearance="50 mm").scene
     kept = held(scene)

@@ -96,3 +96,20 @@ def test_what_can_hardly_be_is_doubted(name: str, doubt: str) -> None:
     assert [one.id for one in found.doubts] == [doubt]
     assert [entry["id"] for entry in found.to_json()["doubts"]] == [doubt]
     assert np.isfinite(found.calibrated.rms)
+
+
+@pytest.mark.parametrize(("shift", "unit"), [(273.15, "K"), (-273.15, "°C")])
+def test_a_temperature_that_no_cell_has_names_the_unit_that_fits(shift: float, unit: str) -> None:
+    case = draw("clean_single", SEED, 0)
+    table = case.table | {"temperature [degC]": case.table["temperature [degC]"] + shift}
+    problem = po.problem_from_dict(case.document)
+    (doubt,) = po.calibrate(problem, po.read_measurements(table, problem), plan=False).doubts
+    assert doubt.values["unit"] == unit
+    assert 10 < doubt.values["low_so"] < doubt.values["high_so"] < 35
+
+
+def test_sides_that_contradict_the_rows_and_make_play_negative_are_read_reversed() -> None:
+    case = draw("turned_sides", SEED, 0)
+    (play,) = [e for e in ask(case)["effects"] if e["kind"] == "backlash"]
+    (size,) = play["estimate"].values()
+    assert abs(size["value"] - 0.3e-3) < 4 * size["std"]

@@ -130,3 +130,10 @@ def test_half_an_orientation_of_the_flange_is_named(tmp_path: Path) -> None:
     del table["flange_rx [rad]"]
     with pytest.raises(po.errors.InputError, match="flange_yaw"):
         po.read_measurements(table, problem)
+
+
+def test_a_flange_has_no_posture_to_choose() -> None:
+    task = {"kind": "insert", "position": ["0.1 m", "0 m", "0 m"]}
+    document = {"robot": {"kind": "flange"}, "uncertainty": {"sigma": {"tool.x": "0.1 mm"}}, "task": task}
+    with pytest.raises(po.errors.InputError, match="no posture to choose"):
+        po.select_posture(po.problem_from_dict(document))
