@@ -250,3 +250,11 @@ def test_nothing_uncertain_names_the_option(command: list[str]) -> None:
     assert result.exit_code == 2
     assert result.stderr.startswith("error: --sigma: nothing is uncertain")
     assert '– write for example --sigma "0.02 deg"' in result.stderr
+
+
+def test_targets_out_of_reach_print_the_document_of_the_error(tmp_path: Path) -> None:
+    off = tmp_path / "off.csv"
+    off.write_text("x [mm], y [mm], z [mm]\n1000, 500, 100\n")
+    refused = invoke("compensate", str(off), "--problem", "insert_planar_2r", "--json")
+    assert refused.exit_code == 3
+    assert json.loads(refused.stdout)["error"]["code"] == 3

@@ -477,6 +477,7 @@ def test_round_the_base_the_first_joint_ends_a_whole_turn_away():
     document = found.to_json()
     Q = postures(document)
     assert abs(document["whole_turns"]["joint1"]) == 1
+    assert document["closed"] is False
     np.testing.assert_allclose(Q[-1] - Q[0], [2 * math.pi * document["whole_turns"]["joint1"], 0], atol=1e-9)
     assert document["breaks"] == []
     assert said(found)["selection.path-turned"].about == "joint1"
