@@ -1,12 +1,10 @@
-"""What is written for the user: JSON text, and folders whose files appear whole or not at all."""
+"""What is written for the user: folders whose files appear whole or not at all."""
 
 from __future__ import annotations
 
 import contextlib
 import ctypes
 import hashlib
-import json
-import math
 import os
 import shutil
 import sys
@@ -16,9 +14,7 @@ from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from threading import Thread
-from typing import TYPE_CHECKING
 
-from posture_opt import __version__
 from posture_opt.errors import InputError, Issue, KeyPath
 from posture_opt.errors import listed as in_words
 from posture_opt.files import content
@@ -26,33 +22,11 @@ from posture_opt.interrupts import undisturbed
 
 if sys.platform != "win32":
     import fcntl
-if TYPE_CHECKING:
-    from posture_opt.numerics import Json
 
 PREFIX = ".posture_opt-"  # begins the names of folders that are being prepared
 MANIFEST = ".files.sha256"  # the program's own files with their digests; `sha256sum --check .files.sha256` reads it
 # Pairs of a file's name and the SHA-256 of its content; two of one name while one report replaces another.
 Manifest = frozenset[tuple[str, str]]
-
-
-def json_text(document: Mapping[str, Json]) -> str:
-    """A document as JSON text with the version of the program in front; NaN and infinity become null.
-
-    Example:
-        >>> json_text({"sigma": math.nan}).splitlines()[-2]
-        '  "sigma": null'
-    """
-    whole = {"posture_opt": __version__, **{str(key): finite(entry) for key, entry in document.items()}}
-    return json.dumps(whole, indent=2, ensure_ascii=False, allow_nan=False)
-
-
-def finite(value: Json) -> Json:
-    """Nested data with null in place of NaN and infinity; keys become texts, tuples lists."""
-    if isinstance(value, dict):
-        return {str(key): finite(entry) for key, entry in value.items()}
-    if isinstance(value, list | tuple):
-        return [finite(entry) for entry in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def write_folder(

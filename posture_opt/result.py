@@ -6,7 +6,6 @@ finds; it is loaded when a result is first looked at, so computing needs none of
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from functools import cached_property
 from os import PathLike
@@ -14,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from posture_opt import presenter_of
+from posture_opt.encoding import Encoded
 from posture_opt.numerics import DerivedAgain, Json, Progress
 from posture_opt.statements import Statement, by_severity
 
@@ -40,11 +40,11 @@ class Summarised(DerivedAgain):
         return presenter_of(self)
 
 
-class Result(Summarised, ABC):
+class Result(Summarised, Encoded):
     """A frozen answer that prints in a few lines, reports, draws and saves itself.
 
-    Subclasses are dataclasses with ``repr=False``, add ``fields_json`` and ``statements``, and carry what
-    their report states.
+    Subclasses are dataclasses with ``repr=False``; they name the keys of their document, or have ``fields_json``, and
+    have ``statements``.
     """
 
     @property
@@ -52,13 +52,9 @@ class Result(Summarised, ABC):
         """What this result has to say, as data: the answer first, then whatever limits it."""
         return ()
 
-    @abstractmethod
-    def fields_json(self) -> dict[str, Json]:
-        """The numbers of this result in SI units and radians: its document without the statements."""
-
     def to_json(self) -> dict[str, Json]:
         """The JSON document of this result: SI units and radians, and its statements, the gravest first."""
-        return {**self.fields_json(), "statements": [one.to_json() for one in by_severity(self.statements)]}
+        return {**super().to_json(), "statements": [one.to_json() for one in by_severity(self.statements)]}
 
     def document(self) -> Any:
         """What every report of this result is made of: title, statements, tables, figures."""

@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING, TextIO
 import click
 
 from posture_opt.cli.options import Common
-from posture_opt.output import json_text, writable_folder, write_file
+from posture_opt.encoding import json_text
+from posture_opt.output import writable_folder, write_file
 
 if TYPE_CHECKING:
     from posture_opt.numerics import Json, Progress

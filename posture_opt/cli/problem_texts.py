@@ -11,11 +11,11 @@ from typing import Any, get_args
 
 from posture_opt.cli.request import RobotOptions
 from posture_opt.collision.obstacles import OBSTACLES
+from posture_opt.encoding import json_text
 from posture_opt.errors import InputError, Issue
 from posture_opt.export import EXPORTS
 from posture_opt.files import builtin_names, content, is_file, preset_names
 from posture_opt.model.effects import CATALOGUE
-from posture_opt.output import json_text
 from posture_opt.problem.load import load_builtin
 from posture_opt.problem.schema import TITLE, json_schema
 from posture_opt.problem.starter import calibrated_starter_text, starter_text, urdf_starter_text

@@ -10,12 +10,12 @@ from typing import Any, ClassVar
 from pydantic import ConfigDict, Field, SerializeAsAny, ValidationError, create_model, field_validator
 
 from posture_opt.collision.cell import CellSpec
+from posture_opt.encoding import encode
 from posture_opt.errors import InputError, Issue, KeyPath, key_text, one_of
 from posture_opt.limits import MOST_EFFECTS
 from posture_opt.measurements.data_section import DataSpec
 from posture_opt.model import effects as catalogue
 from posture_opt.model.effects import CatalogueEntry, effect_class
-from posture_opt.output import finite
 from posture_opt.problem.yaml_source import Plain, Section, plain
 from posture_opt.robot import RobotSpec
 from posture_opt.robot.robot import Robot
@@ -110,7 +110,7 @@ def json_schema() -> Node:
 def _without_unknown(node: Plain) -> Plain:
     if isinstance(node, dict):
         return {
-            key: _without_unknown(value) for key, value in node.items() if key != "default" or finite(value) == value
+            key: _without_unknown(value) for key, value in node.items() if key != "default" or encode(value) == value
         }
     return [_without_unknown(entry) for entry in node] if isinstance(node, list) else node
 

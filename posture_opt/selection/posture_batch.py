@@ -14,7 +14,6 @@ from posture_opt import presenter_of
 from posture_opt.errors import InputError, Issue, NoSolutionError, PostureOptError
 from posture_opt.limits import MOST_PROBLEM_FILES
 from posture_opt.numerics import Json, Progress, finite_or_none
-from posture_opt.output import finite
 from posture_opt.result import Result
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.select_posture import select_posture
@@ -208,13 +207,13 @@ def solved(seed: int | None, item: tuple[ProblemData, bool]) -> list[Any]:
     problem, paged = item
     try:
         solution = select_posture(problem, seed=seed)
-        return [0, [], finite(solution.to_json()), _page_of(solution) if paged else None]
+        return [0, [], solution.to_json(), _page_of(solution) if paged else None]
     except NoSolutionError as error:
         near = error.solution
         if near is None:
             return _failed(error)
         page = _page_of(near) if paged else None
-        return [error.exit_code, str(error).splitlines(), finite(near.to_json()), page]
+        return [error.exit_code, str(error).splitlines(), near.to_json(), page]
     except PostureOptError as error:
         return _failed(error)
     except Exception as error:

@@ -7,15 +7,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from posture_opt.encoding import Encoded
 from posture_opt.measurements.measurements import Measurements, group_means
-from posture_opt.numerics import Array, Codes, Json, finite_or_none, rms
+from posture_opt.numerics import Array, Codes, rms
 from posture_opt.uncertainty.regions import RANK_TOLERANCE
 
 TEST_LEVEL = 0.05  # of the tests: so often a mean that is zero is called not zero
 
 
 @dataclass(frozen=True, eq=False)
-class MeanTest:
+class MeanTest(Encoded, json="mean std_error=error groups p_value"):
     """Hotelling's test of a mean of zero."""
 
     mean: Array  # (d,) [m]
@@ -28,25 +29,15 @@ class MeanTest:
         """Whether nothing speaks against a mean of zero."""
         return not self.p_value < TEST_LEVEL
 
-    def to_json(self) -> dict[str, Json]:
-        return {
-            "mean": self.mean.tolist(), "std_error": [finite_or_none(v) for v in self.error], "groups": self.groups,
-            "p_value": finite_or_none(self.p_value),
-        }  # fmt: skip
-
 
 @dataclass(frozen=True, eq=False)
-class BlockMean:
+class BlockMean(Encoded, json="lower upper *test zero"):
     """The mean in one block, from ``lower`` to ``upper`` (k,) [m, rad]; ``zero`` is family-wise."""
 
     lower: Array
     upper: Array
     test: MeanTest
     zero: bool
-
-    def to_json(self) -> dict[str, Json]:
-        box = {"lower": self.lower.tolist(), "upper": self.upper.tolist()}
-        return {**box, **self.test.to_json(), "zero": self.zero}
 
 
 def mean_test(vectors: Array) -> MeanTest:
@@ -126,7 +117,7 @@ def holm_rejections(p_values: list[float], size: float = TEST_LEVEL) -> list[boo
 
 
 @dataclass(frozen=True)
-class Deviation:
+class Deviation(Encoded, json="bias rms mean p95 max"):
     """Deviations along one direction, or the lengths of those in a plane or in space [m]."""
 
     name: str  # ``x``, ``y``, ``z``, ``along`` and ``across`` the task's direction, or ``all``
@@ -147,7 +138,7 @@ class Deviation:
 
 
 @dataclass(frozen=True, eq=False)
-class ModelErrors:
+class ModelErrors(Encoded, json="deviations=by_direction mean_test=mean blocks mean_zero=zero beyond_3_sigma=beyond3"):
     """Deviations of one model: by direction, and whether they scatter about zero."""
 
     deviations: tuple[Deviation, ...]  # cross-validated, one entry a direction
@@ -164,14 +155,10 @@ class ModelErrors:
         """Whether nothing speaks against a mean of zero, anywhere."""
         return (self.mean is None or self.mean.zero) and all(block.zero for block in self.blocks)
 
-    def to_json(self) -> dict[str, Json]:
-        return {
-            "deviations": {d.name: {k: v for k, v in vars(d).items() if k != "name"} for d in self.deviations},
-            "mean_test": None if self.mean is None else self.mean.to_json(),
-            "blocks": [block.to_json() for block in self.blocks],
-            "mean_zero": self.zero,
-            "beyond_3_sigma": self.beyond3,
-        }
+    @property
+    def by_direction(self) -> dict[str, Deviation]:
+        """The deviations by the name of their direction."""
+        return {deviation.name: deviation for deviation in self.deviations}
 
 
 def model_errors(data: Measurements, errors: Array, fitted: Array, axes: Codes, direction: Array | None) -> ModelErrors:
@@ -209,7 +196,7 @@ _MIN_BATCH_ROWS = 3  # rows of a batch
 
 
 @dataclass(frozen=True, eq=False)
-class Trend:
+class Trend(Encoded, json="input=name range change std_error=error p_value found"):
     """The straight line of errors over an input."""
 
     name: str  # ``time``, ``row`` where no time was noted, ``temperature`` or ``payload``
@@ -230,15 +217,9 @@ class Trend:
         low, high = (f"{factor * value:.4g}" for value in self.range)
         return f"{low} to {high}{unit}"
 
-    def to_json(self) -> dict[str, Json]:
-        return {
-            "input": self.name, "range": list(self.range), "change": self.change.tolist(),
-            "std_error": self.error.tolist(), "p_value": self.p_value, "found": self.found,
-        }  # fmt: skip
-
 
 @dataclass(frozen=True)
-class Sides:
+class Sides(Encoded, json="joint difference std_error=error p_value found"):
     """Mean error along a joint's motion on arrivals with increasing values, minus decreasing ones [m]."""
 
     joint: str
@@ -246,12 +227,6 @@ class Sides:
     error: float
     p_value: float
     found: bool = False
-
-    def to_json(self) -> dict[str, Json]:
-        return {
-            "joint": self.joint, "difference": self.difference, "std_error": self.error, "p_value": self.p_value,
-            "found": self.found,
-        }  # fmt: skip
 
 
 def trends_of(data: Measurements, errors: Array) -> tuple[Trend, ...]:

@@ -28,7 +28,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.fuzz.case import Case
-from tests.fuzz.run import CPU, Run, allowed, not_finite
+from tests.fuzz.run import CPU, Run, allowed
 
 _ADDRESSES = 2_000_000_000  # bytes
 _FILE = 200_000_000  # bytes
@@ -129,10 +129,9 @@ class Server:
             resource.setrlimit(resource.RLIMIT_AS, (_ADDRESSES, _ADDRESSES))
             resource.setrlimit(resource.RLIMIT_FSIZE, (_FILE, _FILE))
             resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-            noted = _note_what_is_not_finite()
             with report.open("wb") as stream:
                 for case in cases:
-                    pickle.dump(self._run(case, folder, noted), stream)
+                    pickle.dump(self._run(case, folder), stream)
                     stream.flush()
                     os.chdir("/")
                     shutil.rmtree(folder / case.kind / str(case.number) / "work", ignore_errors=True)
@@ -145,13 +144,12 @@ class Server:
         finally:
             os._exit(code)
 
-    def _run(self, case: Case, folder: Path, noted: list[str]) -> Run:
+    def _run(self, case: Case, folder: Path) -> Run:
         work, temporary = folder / case.kind / str(case.number) / "work", folder / case.kind / str(case.number) / "tmp"
         work.mkdir(parents=True), temporary.mkdir()
         case.write(work)
         os.environ["TMPDIR"] = tempfile.tempdir = str(temporary)
         os.chdir(work)
-        noted.clear()
         before = _cpu()
         resource.setrlimit(resource.RLIMIT_CPU, (int(before) + CPU + 1, resource.RLIM_INFINITY))
         Path("/proc/self/clear_refs").write_text("5")  # the peak of memory begins anew
@@ -166,7 +164,7 @@ class Server:
         still = [name for name in case.files if not went or not allowed(name, case)]
         left += [f"changed {name}" for name in still if not _same(work / name, case.files[name])]
         out, err = (text.replace(str(work), "/work") for text in texts)  # the same in every run
-        return Run(code, out, err, cpu, _peak(), seconds, tuple(left), made, tuple(noted))
+        return Run(code, out, err, cpu, _peak(), seconds, tuple(left), made)
 
 
 def _import_everything() -> None:
@@ -206,22 +204,6 @@ def _peak() -> float:
     """The peak of memory [MB] since it was asked to begin anew."""
     lines = Path("/proc/self/status").read_text().splitlines()
     return next(int(line.split()[1]) / 1024 for line in lines if line.startswith("VmHWM"))
-
-
-def _note_what_is_not_finite() -> list[str]:
-    """Keys whose number is not finite: JSON has no NaN, and null is written in its place."""
-    from posture_opt import output
-
-    former, noted = output.json_text, []
-
-    def json_text(document: Any) -> str:
-        noted.extend(not_finite(document))
-        return former(document)
-
-    for module in list(sys.modules.values()):
-        if getattr(module, "json_text", None) is former:
-            module.json_text = json_text  # type: ignore[attr-defined]
-    return noted
 
 
 @contextlib.contextmanager

@@ -18,8 +18,8 @@ _TIME = re.compile(
     r'(?m)("seconds": )[\d.e+-]+|^\d+ [a-z]+ in [\d.:]+ (s|min): .* a second\n|\b[\d.]+ (ms|s|seconds)\b'
 )
 """Times, and the line of the rate, which a work of under two seconds has not."""
-_MAY_BE_INFINITE = ("effects[].estimate.count.std", "assessment.calibrated.mean_test.p_value")
-"""What is null where it is not known: a count has no standard error, and of a few rows there is no test."""
+_MAY_BE_NULL = frozenset[str]()
+"""Keys of documents whose value may be unknown, or none."""
 
 
 def faults(case: Case, run: Run) -> Iterator[str]:
@@ -47,9 +47,6 @@ def _answer(case: Case, run: Run) -> Iterator[str]:
         yield from _json_faults(run.out, "standard output")
     else:
         yield from _no_answer(case, run.out, "standard output")
-    for key in sorted({*run.hidden}):
-        if key not in _MAY_BE_INFINITE:
-            yield f"not finite in JSON: {key}"
     for name, content in run.made.items():
         text = content.decode("utf-8", "replace")
         if name.endswith(".json"):
@@ -89,9 +86,20 @@ def _no_answer(case: Case, text: str, where: str) -> Iterator[str]:
 
 def _json_faults(text: str, where: str) -> Iterator[str]:
     try:
-        json.loads(text, parse_constant=_refuse)
+        document = json.loads(text, parse_constant=_refuse)
     except ValueError as error:
         yield f"{where} is no JSON: {error}"
+    else:
+        yield from (f"null in {where}: {key}" for key in sorted({*_nulls(document)} - _MAY_BE_NULL))
+
+
+def _nulls(document: Any, key: str = "") -> Iterator[str]:
+    """Names of the entries that are null; those of lists and of mappings by the name of the whole."""
+    if isinstance(document, dict | list):
+        for name, entry in document.items() if isinstance(document, dict) else ((key, e) for e in document):
+            yield from _nulls(entry, name)
+    elif document is None:
+        yield key
 
 
 def _refuse(name: str) -> NoReturn:

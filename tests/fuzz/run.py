@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 from tests.fuzz.case import Case
 
@@ -19,7 +17,6 @@ class Run:
     Args:
         left: in words, what should not be there.
         made: new files and folders, with the files' content.
-        hidden: keys of JSON documents whose number is not finite; null is written there.
     """
 
     code: int
@@ -30,7 +27,6 @@ class Run:
     seconds: float = 0.0
     left: tuple[str, ...] = ()
     made: dict[str, bytes] = field(default_factory=dict)
-    hidden: tuple[str, ...] = ()
 
     def with_end(self, cpu: float, memory: float, seconds: float, left: tuple[str, ...]) -> Run:
         """The same with what was seen from outside."""
@@ -42,15 +38,3 @@ def allowed(name: str, case: Case) -> bool:
     if ".posture_opt-" in name:
         return False
     return any(name == made or name.startswith(f"{made}/") for made in (*case.out, *case.kept))
-
-
-def not_finite(value: Any, key: str = "") -> Iterator[str]:
-    """Keys of a document whose number is not finite."""
-    if isinstance(value, dict):
-        for name, entry in value.items():
-            yield from not_finite(entry, f"{key}.{name}" if key else str(name))
-    elif isinstance(value, list | tuple):
-        for entry in value:
-            yield from not_finite(entry, f"{key}[]")
-    elif isinstance(value, float) and value - value != 0:
-        yield key

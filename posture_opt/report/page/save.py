@@ -10,8 +10,9 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from posture_opt.encoding import json_text
 from posture_opt.numerics import Array, Json, Mask
-from posture_opt.output import json_text, manifest_of, write_folder
+from posture_opt.output import manifest_of, write_folder
 from posture_opt.report.page.page import Page
 from posture_opt.report.page.style import image
 from posture_opt.report.text.blocks import Summary
