@@ -21,6 +21,7 @@ ROOMS = [
     "units",
     "spec",
     "numerics",
+    "encoding",
     "interrupts",
     "files",
     "statements",
