@@ -49,7 +49,7 @@ nb_execution_in_temp = True
 
 smartquotes = False  # two hyphens are those of an option
 autodoc_typehints = "description"
-autodoc_typehints_description_target = "documented"
+autodoc_typehints_description_target = "all"
 autodoc_member_order = "groupwise"
 autosummary_generate = True
 autosummary_context = {"returned_by": examples_of_results()}

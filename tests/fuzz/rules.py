@@ -18,7 +18,16 @@ _TIME = re.compile(
     r'(?m)("seconds": )[\d.e+-]+|^\d+ [a-z]+ in [\d.:]+ (s|min): .* a second\n|\b[\d.]+ (ms|s|seconds)\b'
 )
 """Times, and the line of the rate, which a work of under two seconds has not."""
-_MAY_BE_NULL = frozenset[str]()
+_MAY_BE_NULL = """
+    about adaptive after agrees base_frame before best_of_all bias_mahalanobis clearance corner_rms critical
+    critical_budget critical_budget_groups curvature detectable direction floor goals highest_speed interval95 joint
+    kkt left_rotation lever limiting_joint link mean_test most_manipulable mounting off_rotation own p_value
+    pose_covariance_integration posture prior radius95 random reason refused refuted_sigma repeats
+    share_within_95_of_cell share_within_95_of_own_posture shift sigma sigma_along sigma_between_repeats
+    sigma_interval95 sigma_max sigma_stated size speed spin_sigma std success_all success_probability
+    success_probability_interval95 task temperature_rise times times_allowed tool_frame typical_sigma_max
+    worst_sigma_max worst_station would_need z
+"""
 """Keys of documents whose value may be unknown, or none."""
 
 
@@ -90,14 +99,17 @@ def _json_faults(text: str, where: str) -> Iterator[str]:
     except ValueError as error:
         yield f"{where} is no JSON: {error}"
     else:
-        yield from (f"null in {where}: {key}" for key in sorted({*_nulls(document)} - _MAY_BE_NULL))
+        yield from (f"null in {where}: {key}" for key in sorted({*_nulls(document)} - {*_MAY_BE_NULL.split()}))
 
 
 def _nulls(document: Any, key: str = "") -> Iterator[str]:
-    """Names of the entries that are null; those of lists and of mappings by the name of the whole."""
-    if isinstance(document, dict | list):
-        for name, entry in document.items() if isinstance(document, dict) else ((key, e) for e in document):
-            yield from _nulls(entry, name)
+    """Names of the entries that are null; those of lists, and of what is listed by kind, by the name of the whole."""
+    if isinstance(document, dict):
+        for name, entry in document.items():
+            yield from _nulls(entry, key if key == "detectable" else name)
+    elif isinstance(document, list):
+        for entry in document:
+            yield from _nulls(entry, key)
     elif document is None:
         yield key
 
