@@ -37,6 +37,7 @@ nitpicky = True
 nitpick_ignore_regex = [
     # Types of other packages: their pages are on the network, which a build does not use.
     (r"py:.*", r"(numpy|np|casadi|ca|matplotlib|pydantic|pandas|pd|pathlib|collections|typing|os|datetime|click)\..*"),
+    (r"py:.*", r"Figure"),
     (r"py:.*", r"posture_opt\.[a-z_]+\..*"),  # parts of the package that are not public
 ]
 

@@ -51,7 +51,14 @@ def keep_colons(app: Any, what: str, name: str, obj: Any, options: Any, lines: l
         lines[:0] = ["..", ""]
 
 
+def without_types_of_sections(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
+    """A section of the problem file is made of a file: the types of its constructor are those of a reader."""
+    if what == "class" and hasattr(obj, "model_fields"):
+        app.env.current_document.autodoc_annotations.pop(name, None)
+
+
 def setup(app: Any) -> dict[str, bool]:
     app.connect("missing-reference", resolve)
     app.connect("autodoc-process-docstring", keep_colons, priority=100)
+    app.connect("autodoc-process-docstring", without_types_of_sections)
     return {"parallel_read_safe": True}
