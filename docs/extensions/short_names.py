@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pkgutil
+import re
 from functools import cache
 from importlib import import_module
 from typing import Any
@@ -51,14 +52,17 @@ def keep_colons(app: Any, what: str, name: str, obj: Any, options: Any, lines: l
         lines[:0] = ["..", ""]
 
 
-def without_types_of_sections(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
-    """A section of the problem file is made of a file: the types of its constructor are those of a reader."""
+def plain_types(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
+    """Arrays without the type of their entries; no types of a section of the problem file, which a reader makes."""
+    types = app.env.current_document.autodoc_annotations.get(name, {})
     if what == "class" and hasattr(obj, "model_fields"):
-        app.env.current_document.autodoc_annotations.pop(name, None)
+        types.clear()
+    for parameter, text in types.items():
+        types[parameter] = re.sub(r"numpy\.ndarray\[tuple\[.*?\], ~?numpy\.dtype\[.*?\]\]", "numpy.ndarray", text)
 
 
 def setup(app: Any) -> dict[str, bool]:
     app.connect("missing-reference", resolve)
     app.connect("autodoc-process-docstring", keep_colons, priority=100)
-    app.connect("autodoc-process-docstring", without_types_of_sections)
+    app.connect("autodoc-process-docstring", plain_types)
     return {"parallel_read_safe": True}
