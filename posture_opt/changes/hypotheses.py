@@ -21,7 +21,7 @@ from posture_opt.changes.new_rows import (
     log_sum,
 )
 from posture_opt.experiments.possible_changes import PossibleChange, change_name
-from posture_opt.numerics import Array, Codes, Json, finite_or_none
+from posture_opt.numerics import Array, Codes
 
 # Sizes of a change: 0.06 to 64 mm of motion of the tool, of a joint the same in mrad.
 SIZES_M = np.asarray(1e-3 * 2.0 ** np.arange(-4, 7), dtype=float)
@@ -331,12 +331,6 @@ class Visibility:
     def seen(self) -> bool:
         """Whether there is a size from which on the change is detected: a turn of half a revolution is none."""
         return not (self.unit == "rad" and math.pi < self.size < math.inf)
-
-    def to_json(self) -> dict[str, Json]:
-        return {
-            "kind": self.kind, "target": self.target, "power": self.power, "shift": finite_or_none(self.shift),
-            "size": finite_or_none(self.size), "unit": self.unit,
-        }  # fmt: skip
 
 
 def visibilities(models: Hypotheses) -> tuple[Visibility, ...]:

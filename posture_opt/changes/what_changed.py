@@ -13,11 +13,12 @@ import numpy as np
 from posture_opt.calibration.assumptions.contradictions import GeometricDeviation
 from posture_opt.changes.hypotheses import POWER, REFERENCE_M, Probabilities, Visibility
 from posture_opt.changes.new_rows import Estimate
+from posture_opt.encoding import Encoded, encoded
 from posture_opt.errors import enumerated
 from posture_opt.experiments.measurement_plan import MeasurementPlan, tour_statements
 from posture_opt.experiments.possible_changes import PossibleChange, change_name
 from posture_opt.measurements.measurements import Measurements
-from posture_opt.numerics import Array, Json, rms_length
+from posture_opt.numerics import Array, rms_length
 from posture_opt.result import Result
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.statements import Quantity, Statement, state
@@ -28,7 +29,7 @@ RIVAL_SHARE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class LikelyChange:
+class LikelyChange(Encoded):
     """One thing that may have changed, by how much, and how probable it is.
 
     Args:
@@ -79,15 +80,10 @@ class LikelyChange:
         rows = zip(self.possible.parameters, self.estimate.mean.tolist(), std.tolist(), strict=True)
         return {p.name.rpartition(".")[2]: (mean, s, p.unit) for p, mean, s in rows if s > 0}
 
-    def to_json(self) -> dict[str, Json]:
-        return {
-            "kind": self.kind,
-            "target": self.target,
-            "alike": list(self.possible.alike),
-            "estimate": {name: {"value": v, "std": s, "unit": unit} for name, (v, s, unit) in self.values.items()},
-            "probability": self.probability,
-            "shift": self.shift,
-        }
+    def fields_json(self) -> dict[str, object]:
+        estimate = {name: {"value": v, "std": s, "unit": unit} for name, (v, s, unit) in self.values.items()}
+        first = encoded(self, "kind target alike=possible.alike")
+        return {**first, "estimate": estimate, **encoded(self, "probability shift")}
 
 
 @dataclass(frozen=True)
@@ -189,23 +185,19 @@ class Recheck(Result):
             found[visible.kind] = max(found.get(visible.kind, 0.0), visible.shift)
         return found
 
-    def fields_json(self) -> dict[str, Json]:
+    def fields_json(self) -> dict[str, object]:
         """The document ``recheck.json``: SI units and radians."""
-        p = self.probabilities
         return {
-            "verdict": self.verdict,
-            "changes": [change.to_json() for change in self.changes],
-            "unchanged": p.unchanged,
-            "probability": {"unchanged": p.unchanged, "one": p.one, "several": p.several},
+            **encoded(self, "verdict changes unchanged"),
+            "probability": encoded(self.probabilities, "unchanged one several"),
             "named": _kinds(self.named),
             "shared": _kinds(self.shared),
             "rivals": _kinds(self.rivals),
-            "detectable": {kind: v if np.isfinite(v) else None for kind, v in self.detectable.items()},
-            "visible": [visible.to_json() for visible in self.visible],
-            "rms": {"before": self.before, "after": self.after},
+            **encoded(self, "detectable visible"),
+            "rms": encoded(self, "before after"),
             "rows": len(self.data),
-            "gross": [{"line": row.line, "error": row.error} for row in self.gross],
-            "measure": [] if self.plan is None else [dict(posture) for posture in self.plan.postures],
+            "gross": self.gross,
+            "measure": [] if self.plan is None else self.plan.postures,
             "notes": [*self.notes, *(s.text for s in self.statements if s.id == "changes.no-further-postures")],
         }
 
@@ -282,5 +274,5 @@ def _names(changes: Sequence[LikelyChange]) -> tuple[str, ...]:
     return tuple(change.name for change in changes)
 
 
-def _kinds(changes: Sequence[LikelyChange]) -> list[Json]:
-    return [{"kind": change.kind, "target": change.target} for change in changes]
+def _kinds(changes: Sequence[LikelyChange]) -> list[object]:
+    return [encoded(change, "kind target") for change in changes]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -35,9 +35,10 @@ from posture_opt.diagnosis.scores.candidates import Candidate, LinearisedData, l
 from posture_opt.diagnosis.scores.lack_of_fit import Adequacy
 from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent
 from posture_opt.diagnosis.search.search import SearchResult
+from posture_opt.encoding import encoded
 from posture_opt.measurements.repeats import Contrasts, repeat_groups
-from posture_opt.model.effects import Cause, StatedSigma
-from posture_opt.numerics import Array, Codes, Json, Mask, rms, rms_length
+from posture_opt.model.effects import StatedSigma
+from posture_opt.numerics import Array, Codes, Mask, rms, rms_length
 from posture_opt.result import Result
 from posture_opt.selection.comparison.comparison import Comparison
 from posture_opt.selection.problem_data import FittedArm, ProblemData
@@ -236,42 +237,32 @@ class Diagnosis(Result):
         moved = residuals.metres(self.linearised.sensitivities.joints[joint][:, : len(residuals.axes)])
         return sigma * float(np.linalg.norm(moved, axis=1).max())
 
-    def fields_json(self) -> dict[str, Json]:
-        """The document ``diagnosis.json``: SI units and radians; the task planned again included."""
-        if self.comparison is None:
-            return self.findings_json()
-        goals = {} if self.goals is None else {"goals": self.goals.to_json()}
-        return self.findings_json() | {"posture": goals | self.comparison.fields_json()}
+    def fields_json(self) -> dict[str, object]:
+        """The document ``diagnosis.json``: SI units and radians; the task planned again included.
 
-    def findings_json(self) -> dict[str, Json]:
-        """The part of the document that the diagnosis itself knows.
-
-        Lengths in m, angles in rad, p-values family-wise; ``unexplained.p_value`` is the least of all tests of what is
-        left.
+        P-values are family-wise; ``unexplained.p_value`` is the least of all tests of what is left.
         """
         names, search = ("nominal", "calibrated", "extended"), self.search
         unnamed = (p for candidate, p in zip(search.chosen, search.p_values, strict=True) if not candidate.named)
         p = min(self.adequacy.p_value, *unnamed, *(errors.p_value for errors in self.uneven), 1.0)
         rivals = {s.what: others for s, others in zip(search.chosen, search.rivals, strict=True) if not s.named}
-        probability = self.calibration.better_than_nominal
-        further = {
-            "other_preset": self.calibration.other_preset,
-            "start_up": self.start_up,
-            "scatter_change": self.scatter_change,
-        }
+        planned = self.comparison
         return {
             "verdict": self.verdict,
             "effects": [self._effect_json(finding, i) for i, finding in enumerate(self.effects)],
             "unexplained": {
                 "p_value": p,
-                "place": list(self.unexplained_places),
-                "tests": {"lack_of_fit": self.adequacy.lack_of_fit, "structure": self.adequacy.structure},
+                "place": self.unexplained_places,
+                "tests": encoded(self.adequacy, "lack_of_fit structure"),
                 "times_allowed": self.times_allowed,
                 "components": [
-                    {**_named(one), "confounded_with": [_named(s) for s in rivals.get(one, ())]}
+                    {
+                        **encoded(one, "kind target"),
+                        "confounded_with": [encoded(s, "kind target") for s in rivals.get(one, ())],
+                    }
                     for one in self.unexplained
                 ],
-                **({"repeat": [plan.to_json() for plan in self.repeat_plans]} if self.repeat_plans else {}),
+                **({"repeat": self.repeat_plans} if self.repeat_plans else {}),
             },
             "residual_rms": {
                 **{name: self.errors[name].rms for name in names},
@@ -279,28 +270,24 @@ class Diagnosis(Result):
                 "delivered_heldout": self.errors["delivered"].rms,
             },
             "delivered": {**self.delivery.to_json(self.model.effects), "outliers": self.delivered[1]},
-            "residuals": {name: self.errors[name].to_json() for name in names},
+            "residuals": {name: self.errors[name] for name in names},
             "coverage95": {name: float(self.held[name].inside.mean()) for name in names},
-            "cross_validation": self.by,
-            "gain": self.gain.to_json(),
-            **_stated({"test": self.test, "thinned": self.large}),
-            **({} if probability is None else {"better_than_nominal": probability}),
-            **{reading.key: reading.to_json() for reading in self.weights},
-            **_stated(further),
+            **encoded(self, "cross_validation=by gain test? thinned=large?"),
+            **encoded(self.calibration, "better_than_nominal?"),
+            **{reading.key: reading for reading in self.weights},
+            **encoded(self, "other_preset=calibration.other_preset? start_up? scatter_change?"),
             "candidates": [
                 {
-                    **_named(j.candidate),
-                    "p_value": j.p_value,
+                    **encoded(j, "kind=candidate.kind target=candidate.target p_value"),
                     "gain": 1 - float(np.sqrt(max(1 - j.share, 0.0))),
-                    "surviving_share": j.rho,
-                    "named": j.candidate.named,
+                    **encoded(j, "surviving_share=rho named=candidate.named"),
                 }
                 for j in search.scored
             ],
-            "absorbed": [{**_named(s), "surviving_share": rho} for s, rho in search.absorbed],
-            "unknowable": [limit.to_json() for limit in unknowable_causes(self.model.residuals)],
-            "doubts": [doubt.to_json() for doubt in self.doubts],
-            "notes": list(self.notes),
+            "absorbed": [{**encoded(s, "kind target"), "surviving_share": rho} for s, rho in search.absorbed],
+            "unknowable": unknowable_causes(self.model.residuals),
+            **encoded(self, "doubts notes"),
+            **({} if planned is None else {"posture": encoded(self, "goals?") | planned.fields_json()}),
         }
 
     @cached_property
@@ -389,12 +376,16 @@ class Diagnosis(Result):
         place = self.effects[finding].place
         return None if self.test is None or place is None else self.test.gains[place]
 
-    def _effect_json(self, finding: Finding, i: int) -> dict[str, Json]:
+    def _effect_json(self, finding: Finding, i: int) -> dict[str, object]:
         """The entry of finding i with the gain on the other file, the tool shift [m] and its discrimination."""
-        place, split = finding.place, self.split
-        document = finding.to_json() | _stated({"test_gain": self.test_gain(i)})
-        document["inspect"] = finding.inspect(self.problem.robot)
-        document |= {"action": self.actions[i].action, "reason": self.actions[i].reason or None}
+        place, split, gain = finding.place, self.split, self.test_gain(i)
+        document = {
+            **finding.fields_json(),
+            **({} if gain is None else {"test_gain": gain}),
+            "inspect": finding.inspect(self.problem.robot),
+            "action": self.actions[i].action,
+            "reason": self.actions[i].reason or None,
+        }
         if place is None:
             return document
         document["delivered"] = self.delivery.status(place)
@@ -404,11 +395,3 @@ class Diagnosis(Result):
         if split is not None and place in split.pairs:
             document["split"] = split.to_json(place)
         return document
-
-
-def _named(cause: Cause | Candidate) -> dict[str, Json]:
-    return {"kind": cause.kind, "target": cause.target}
-
-
-def _stated(parts: Mapping[str, Any]) -> dict[str, Json]:
-    return {name: part.to_json() for name, part in parts.items() if part is not None}

@@ -24,6 +24,7 @@ from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.scores.candidates import Candidate, LinearisedData
 from posture_opt.diagnosis.scores.score_tests import orthonormal_basis
 from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent
+from posture_opt.encoding import Encoded, encode
 from posture_opt.errors import InputError
 from posture_opt.experiments.candidate_postures import candidate_rows
 from posture_opt.experiments.information import PriorInformation
@@ -277,7 +278,9 @@ def by_posture(effect: Effect | UnnamedComponent) -> bool:
 
 
 @dataclass(frozen=True, eq=False)
-class DiscriminatedPair:
+class DiscriminatedPair(
+    Encoded, json="kind=rival.kind target=rival.target angle lambda_now=now lambda=then chance count"
+):
     """How well an effect is discriminated from one of its rivals.
 
     Args:
@@ -293,11 +296,9 @@ class DiscriminatedPair:
     then: float
     count: int | None
 
-    def to_json(self) -> dict[str, Json]:
-        return {
-            "kind": self.rival.kind, "target": self.rival.target, "angle": self.angle, "lambda_now": self.now,
-            "lambda": self.then, "chance": detection_probability(self.then), "count": self.count,
-        }  # fmt: skip
+    @property
+    def chance(self) -> float:
+        return detection_probability(self.then)
 
 
 @dataclass(frozen=True, eq=False)
@@ -338,7 +339,7 @@ class DiscriminationPlan:
             "lambda": min((s.then for s in pairs if s.count is not None), default=None),
             "count": self.counts[place],
             "postures": self.postures(self.counts[place] or 0),
-            "rivals": [s.to_json() for s in pairs],
+            "rivals": encode(pairs),
         }
 
 

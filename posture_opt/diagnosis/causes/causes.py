@@ -23,6 +23,7 @@ from posture_opt.diagnosis.causes.determined_sizes import (
 from posture_opt.diagnosis.causes.sessions import Gain
 from posture_opt.diagnosis.noise.uneven_noise import NoiseCause
 from posture_opt.diagnosis.search.search import SearchResult
+from posture_opt.encoding import Encoded, encoded
 from posture_opt.model.effects import (
     CATALOGUE,
     EFFECTS,
@@ -38,7 +39,7 @@ from posture_opt.model.effects import (
 from posture_opt.model.effects.base.joint_effect import GravityLoaded, LostMotion
 from posture_opt.model.effects.base.multiples import RotatingPart, resolution
 from posture_opt.model.effects.base.plausible_range import PlausibleRange
-from posture_opt.numerics import Array, Codes, Json
+from posture_opt.numerics import Array, Codes
 from posture_opt.robot.robot import Robot
 from posture_opt.units import DIMENSIONS
 
@@ -47,7 +48,7 @@ Estimates = Mapping[str, tuple[float, float, str]]  # parameter -> value, standa
 
 
 @dataclass(frozen=True, eq=False)
-class Finding:
+class Finding(Encoded):
     """One cause with its size.
 
     Args:
@@ -130,7 +131,7 @@ class Finding:
     def inspect(self, robot: Robot) -> str:
         return self.cause.inspect_fitted(robot, self.sizes)
 
-    def to_json(self) -> dict[str, Json]:
+    def fields_json(self) -> dict[str, object]:
         stated = {name: {"stated": value} for name, value in _named_values(self.stated).items()}
 
         def alias(rival: Cause) -> bool:
@@ -138,27 +139,22 @@ class Finding:
             return same and rival.qualifier != self.cause.qualifier
 
         return {
-            "kind": self.kind,
-            "target": self.target,
+            **encoded(self, "kind target"),
             "status": "determined" if self.determined else "size_undetermined",
             "estimate": {
                 n: {"value": v, "std": s, "unit": u, **stated.get(n, {})}
                 for n, (v, s, u) in self.estimate.items()
                 if self.determined
             },
-            "p_value": self.p_value,
-            "gain": self.gain,
-            **({} if self.interval is None else {"gain_interval95": list(self.interval)}),
+            **encoded(self, "p_value gain gain_interval95=interval?"),
             "confounded_with": [
-                {"kind": c.kind, "target": c.target, **({"qualifier": c.qualifier} if alias(c) else {})}
-                for c in self.confounded_with
+                encoded(c, "kind target qualifier" if alias(c) else "kind target") for c in self.confounded_with
             ],
-            **({} if self.refuted_sigma is None else {"refuted_sigma": self.refuted_sigma}),
-            "plausible": self.plausible,
+            **encoded(self, "refuted_sigma? plausible"),
             "would_need": self.would_need or None,
-            **({} if self.plausible_range is None else {"plausible_range": self.plausible_range.to_json()}),
-            **({"rotating_parts": [part.to_json() for part in self.parts]} if self.parts else {}),
-            **({} if self.open_part is None else {"undetermined_lines": list(self.open_part.spectral_lines)}),
+            **encoded(self, "plausible_range?"),
+            **({"rotating_parts": self.parts} if self.parts else {}),
+            **({} if self.open_part is None else {"undetermined_lines": self.open_part.spectral_lines}),
         }
 
 

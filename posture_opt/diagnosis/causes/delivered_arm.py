@@ -25,6 +25,7 @@ from posture_opt.diagnosis.causes.determined_sizes import (
     with_choice_errors,
     with_mass_errors,
 )
+from posture_opt.encoding import encoded
 from posture_opt.model.effects import Effect, NoiseEffect
 from posture_opt.numerics import Array, Codes, Json, rms
 from posture_opt.selection.problem_data import FittedArm, ProblemData
@@ -143,8 +144,8 @@ class Delivery:
         left = [(effects[i], reason) for reason, places in reasons.items() for i in places]
         return {
             "model": self.model,
-            "left_out": [{"kind": e.kind, "target": e.target, "reason": r} for e, r in left],
-            "together": [{"kind": effects[i].kind, "target": effects[i].target} for i in self.together],
+            "left_out": [{**encoded(e, "kind target"), "reason": r} for e, r in left],
+            "together": [encoded(effects[i], "kind target") for i in self.together],
         }
 
 

@@ -13,14 +13,15 @@ from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.calibration.second_file import OtherFile, errors_on, predict_other_file
 from posture_opt.diagnosis.causes.delivered_arm import Delivery
+from posture_opt.encoding import Encoded, encoded
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.arm_state import REFERENCE_TEMPERATURE
 from posture_opt.model.effects import Effect
-from posture_opt.numerics import Array, Codes, Json
+from posture_opt.numerics import Array, Codes
 
 
 @dataclass(frozen=True)
-class Gain:
+class Gain(Encoded):
     """Relative drop of an RMS with its 95 % bootstrap interval over groups of rows."""
 
     value: float
@@ -42,12 +43,12 @@ class Gain:
         total = sums.sum(axis=0)
         return cls(float(1 - np.sqrt(total[0] / max(total[1], 1e-300))), float(low), float(high))
 
-    def to_json(self) -> dict[str, Json]:
+    def fields_json(self) -> dict[str, object]:
         return {"value": self.value, "interval95": [self.low, self.high]}
 
 
 @dataclass(frozen=True, eq=False)
-class SecondSession:
+class SecondSession(Encoded):
     """Another file predicted by the arm that is delivered: whether a gain holds there."""
 
     file: OtherFile
@@ -65,10 +66,10 @@ class SecondSession:
     def notes(self) -> tuple[str, ...]:
         return ("base and tool are fitted again to the test file",) * self.file.refitted + self.unstated
 
-    def to_json(self) -> dict[str, Json]:
+    def fields_json(self) -> dict[str, object]:
         """The part ``test`` of ``diagnosis.json`` [m]."""
-        worse = [{"kind": self.effects[i].kind, "target": self.effects[i].target} for i in self.worse]
-        return {**self.file.to_json(), "gain": self.gain.to_json(), "extrapolates_badly": worse}
+        worse = [encoded(self.effects[i], "kind target") for i in self.worse]
+        return {**encoded(self, "*file gain"), "extrapolates_badly": worse}
 
 
 def three_models(calibration: Calibration, extended: Fit) -> dict[str, tuple[Residuals, Array]]:

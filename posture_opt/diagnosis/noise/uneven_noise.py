@@ -14,10 +14,11 @@ from posture_opt.diagnosis.noise.noise_candidates import (
     score_uneven_noise,
 )
 from posture_opt.diagnosis.scores import levels
+from posture_opt.encoding import Encoded, encoded
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.repeats import Contrasts
 from posture_opt.model.effects import Cause, NoiseEffect, Rows
-from posture_opt.numerics import Array, Codes, Json
+from posture_opt.numerics import Array, Codes
 from posture_opt.validation.scatter_model import whitened_repeats
 
 
@@ -263,7 +264,7 @@ def _close_rivals(candidates: Sequence[NoiseCandidate]) -> list[NoiseCandidate]:
 
 
 @dataclass(frozen=True, eq=False)
-class RepeatPlan:
+class RepeatPlan(Encoded):
     """Postures to measure several times each, the arm leaving them in between."""
 
     errors: UnevenErrors
@@ -274,11 +275,10 @@ class RepeatPlan:
     def target(self) -> str:
         return self.errors.effect.target
 
-    def to_json(self) -> dict[str, Json]:
+    def fields_json(self) -> dict[str, object]:
         """An entry of ``unexplained.repeat`` in ``diagnosis.json``: lines of the file, and postures [rad, m]."""
-        names = self.rows.joint_names
-        postures = [dict(zip(names, map(float, q), strict=True)) for q in self.rows.q]
-        return {"target": self.target, "times": self.times, "lines": self.rows.line.tolist(), "postures": postures}
+        postures = [dict(zip(self.rows.joint_names, q, strict=True)) for q in self.rows.q]
+        return {**encoded(self, "target times lines=rows.line"), "postures": postures}
 
 
 def plan_repeats(data: Measurements, groups: Codes, uneven: Sequence[UnevenErrors]) -> tuple[RepeatPlan, ...]:

@@ -180,7 +180,7 @@ def split_tables(found: Diagnosis, plan: DiscriminationPlan) -> tuple[Table, ...
     for place, finding in found.fitted_effects:
         for split in plan.pairs.get(place, ()):
             then = split.count is not None
-            planned = (_refuted(detection_probability(split.then)), str(split.count)) if then else ("", "")
+            planned = (_refuted(split.chance), str(split.count)) if then else ("", "")
             now = _refuted(detection_probability(split.now))
             pairs.append((finding.label, split.rival.label, angle(split.angle), now, *planned))
     table = Table(("cause", "rival", "angle", "now", "planned", "needed"), tuple(pairs), text_columns=2)
