@@ -206,7 +206,13 @@ def recheck_statements(found: Recheck) -> Iterator[Statement]:
     yield _verdict(found)
     for row in found.gross:
         yield state("changes.gross-row", str(row.line), error=Quantity(row.error))
-    yield from _power(found) if found.verdict == "unchanged" else _errors(found)
+    before, rows = Quantity(found.before), len(found.data)
+    if found.verdict == "unchanged":
+        yield from _power(found)
+    elif found.after < found.before:
+        yield state("changes.errors-explained", before=before, rows=rows, after=Quantity(found.after))
+    else:
+        yield state("changes.errors", before=before, rows=rows)
     if found.verdict == "changed":
         yield from _alternatives(found)
     if found.plan is not None:
@@ -235,14 +241,6 @@ def _verdict(found: Recheck) -> Statement:
         return state("changes.unexplained")
     second, sizes = found.changes[1], [enumerated(map(str, change.sizes)) for change in found.named]
     return state("changes.several", first.name, size=sizes[0], other=second.name, other_size=sizes[1])
-
-
-def _errors(found: Recheck) -> Iterator[Statement]:
-    before, rows = Quantity(found.before), len(found.data)
-    if found.after < found.before:
-        yield state("changes.errors-explained", before=before, rows=rows, after=Quantity(found.after))
-    else:
-        yield state("changes.errors", before=before, rows=rows)
 
 
 def _alternatives(found: Recheck) -> Iterator[Statement]:

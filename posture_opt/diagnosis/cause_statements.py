@@ -134,6 +134,8 @@ def numbers_of(found: Diagnosis, findings: Sequence[Finding]) -> tuple[str, ...]
 
 def may_work(found: Diagnosis) -> Iterator[Statement]:
     urgent = [f for f in found.effects if f.plausible and f.cause.urgent]
+    loose = [f for f in found.effects if any(isinstance(rival, BaseCompliance) for rival in f.confounded_with)]
+    sure = [f for f in found.effects if f.determined]
     bent = found.unbuildable
     if found.overfitted:
         return
@@ -147,18 +149,12 @@ def may_work(found: Diagnosis) -> Iterator[Statement]:
     elif found.scatter_change is not None:
         yield state("diagnosis.rows-changed-first", line=str(found.scatter_change.line))
     else:
-        yield from _may_work_meanwhile(found)
-
-
-def _may_work_meanwhile(found: Diagnosis) -> Iterator[Statement]:
-    loose = [f for f in found.effects if any(isinstance(rival, BaseCompliance) for rival in f.confounded_with)]
-    if loose:
-        yield state("diagnosis.tighten-base-first", "base", numbers=numbers_of(found, loose))
-    sure = [f for f in found.effects if f.determined]
-    if found.delivery.kept and any(f.effect for f in sure):
-        if leads := [f for f in sure if f.leads]:
-            yield state("diagnosis.moved-by-hand", numbers=numbers_of(found, leads))
-        yield state("diagnosis.may-work")
+        if loose:
+            yield state("diagnosis.tighten-base-first", "base", numbers=numbers_of(found, loose))
+        if found.delivery.kept and any(f.effect for f in sure):
+            if leads := [f for f in sure if f.leads]:
+                yield state("diagnosis.moved-by-hand", numbers=numbers_of(found, leads))
+            yield state("diagnosis.may-work")
 
 
 def cause_statements(found: Diagnosis) -> Iterator[Statement]:

@@ -38,7 +38,7 @@ from posture_opt.diagnosis.search.search import SearchResult
 from posture_opt.encoding import encoded
 from posture_opt.measurements.repeats import Contrasts, repeat_groups
 from posture_opt.model.effects import StatedSigma
-from posture_opt.numerics import Array, Codes, Mask, rms, rms_length
+from posture_opt.numerics import Codes, rms, rms_length
 from posture_opt.result import Result
 from posture_opt.selection.comparison.comparison import Comparison
 from posture_opt.selection.problem_data import FittedArm, ProblemData
@@ -128,13 +128,8 @@ class Diagnosis(Result):
         Its outliers do not count; their number is the second value. Nothing is fitted again but
         touched points and the offsets of several targets, which no file states.
         """
-        errors, kept = self._delivered_errors
+        errors, kept = stated_errors(self.extended, self.request.data, folds=self.request.folds, by=self.by)
         return rms_length(errors[kept]), int(np.count_nonzero(~kept))
-
-    @cached_property
-    def _delivered_errors(self) -> tuple[Array, Mask]:
-        """Position errors (N, 3) [m] of ``extended`` as its file has it, and the rows that are no outliers of it."""
-        return stated_errors(self.extended, self.request.data, folds=self.request.folds, by=self.by)
 
     @cached_property
     def models(self) -> dict[str, ProblemData]:

@@ -268,12 +268,17 @@ def with_plausibility(findings: Sequence[Finding], model: Fit, robot: Robot) -> 
         effect = finding.effect
         assert effect is not None
         sizes = _sizes_of(model, finding)
-        too_many = _too_many(effect, kinds[: k + 1].count(effect.kind), kinds.count(effect.kind))
+        rank, count, most = kinds[: k + 1].count(effect.kind), kinds.count(effect.kind), effect.most_in_session
+        need = _would_need(effect, finding, sizes, model, robot)
+        # One collision may move a joint and the tool; more than two things at once are another arm or session.
+        if most is not None and (rank > most or count > 2):
+            rare = f"{count} of them in one session, where more than {most} is rare"
+            need = f"{rare}: rather other arms or sessions, or a drift"
         found.append(
             replace(
                 finding,
                 plausible_range=effect.plausible(robot),
-                would_need=too_many or _would_need(effect, finding, sizes, model, robot),
+                would_need=need,
                 parts=effect.rotating_parts(robot),
                 fitted=sizes,
             )
@@ -295,15 +300,6 @@ def _sizes_of(model: Fit, finding: Finding) -> FittedSizes:
     rms = turn_about_mean(model, place, finding.stated_parts)
     turn = float(turned.min()), float(turned.max())
     return FittedSizes(finding.estimate, model.covariance[np.ix_(part, part)], turn, rms, *seen)
-
-
-def _too_many(effect: Effect, rank: int, count: int) -> str:
-    """Why the ``rank``-th largest of ``count`` causes of a kind cannot be one more event of a session; else empty."""
-    most = effect.most_in_session
-    # One collision may move a joint and the tool; more than two things at once are another arm or session.
-    if most is None or (rank <= most and count <= 2):
-        return ""
-    return f"{count} of them in one session, where more than {most} is rare: rather other arms or sessions, or a drift"
 
 
 def _would_need(effect: Effect, finding: Finding, sizes: FittedSizes, model: Fit, robot: Robot) -> str:
