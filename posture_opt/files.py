@@ -87,6 +87,14 @@ def naming(path: Path, error: InputError) -> InputError:
     return InputError([i if i.file else replace(i, message=f"{i.message}: {path}") for i in error.issues])
 
 
+def named_content(path: Path, most: int) -> bytes:
+    """The `content` of a file; errors name its path."""
+    try:
+        return content(path, most)
+    except InputError as error:
+        raise naming(path, error) from None
+
+
 def nearest_file(path: Path) -> str:
     """The path in the folder of ``path`` whose name is written most like its name; empty where none is like it."""
     try:

@@ -14,7 +14,7 @@ import numpy as np
 from PIL import Image
 
 from posture_opt.errors import BadValueError, InputError, InsufficientDataError, Issue, one_of
-from posture_opt.files import content, naming
+from posture_opt.files import named_content
 from posture_opt.limits import MOST_BOARD_POINTS, MOST_PIXELS
 from posture_opt.measurements.camera_section import CharucoSpec, GridSpec
 from posture_opt.measurements.table import open_table
@@ -124,7 +124,7 @@ def detect_board(images: Sequence[Path], board: Board, joints: Path, camera: str
     _check_names([image.name for image in images], postures, joints)
     lines, counts = [csv_line([*titles, "pose", "camera", "marker", "u [px]", "v [px]"])], dict[str, int]()
     for image in images:
-        numbers, pixels = board.found_in(_picture(image))
+        numbers, pixels = board.found_in(picture_of(named_content(image, 200_000_000), image))
         counts[image.name] = len(numbers)
         for number, (u, v) in zip(numbers, pixels, strict=True):
             place = [image.name, camera, f"{name}/{number}", f"{u:.4f}", f"{v:.4f}"]
@@ -149,14 +149,6 @@ def _check_names(names: Sequence[str], known: Container[str], joints: Path) -> N
     ]
     if issues:
         raise InputError(issues)
-
-
-def _picture(image: Path) -> Array:
-    try:
-        data = content(image, 200_000_000)
-    except InputError as error:
-        raise naming(image, error) from None
-    return picture_of(data, image)
 
 
 def picture_of(data: bytes, image: Path) -> Array:

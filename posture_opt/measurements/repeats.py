@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from posture_opt.encoding import Encoded
 from posture_opt.measurements.measurements import (
     SAME_POSTURE_RAD,
     Measurements,
@@ -15,7 +16,7 @@ from posture_opt.measurements.measurements import (
     outlying_groups,
     rows_of,
 )
-from posture_opt.numerics import Array, Codes, Json, Mask, linked
+from posture_opt.numerics import Array, Codes, Mask, linked
 from posture_opt.robot.robot import Robot
 
 MIN_FREEDOM = 12  # Degrees of freedom from which a standard deviation is used: it is then known to a fifth
@@ -152,7 +153,11 @@ class Contrasts:
 
 
 @dataclass(frozen=True, eq=False)
-class Thinning:
+class Thinning(
+    Encoded,
+    json="rows=data.line.size rows_used=rows.size rows_left_out=rest.size postures postures_used "
+    "postures_in_block=block most_rows_of_posture=most_of_posture seed",
+):
     """Which rows of a file are used, and which are left to judge by."""
 
     data: Measurements  # all rows
@@ -183,18 +188,6 @@ class Thinning:
             return self.data
         clock = np.interp(np.arange(len(self.data)), self.rows, np.arange(len(self.rows)))  # proportional in between
         return replace(self.data, time=np.asarray(clock))
-
-    def to_json(self) -> dict[str, Json]:
-        return {
-            "rows": len(self.data),
-            "rows_used": len(self.rows),
-            "rows_left_out": len(self.data) - len(self.rows),
-            "postures": self.postures,
-            "postures_used": self.postures_used,
-            "postures_in_block": self.block,
-            "most_rows_of_posture": self.most_of_posture,
-            "seed": self.seed,
-        }
 
 
 def thin(data: Measurements, most: int, seed: int = 0) -> Thinning | None:

@@ -64,17 +64,13 @@ def open_table(source: TableLike, known: Collection[str] = (), spec: DataSpec | 
 
 
 def _memory_table(columns: Any, lines: Sequence[int] | None = None, file: str | None = None) -> RawTable:
-    titles, cells = [], []
-    for title, values in columns:
-        titles.append(title)
-        cells.append(values)
-    faults = Faults(file or "table")
-    sizes = {np.shape(values) for values in cells}
+    titled, faults = list(columns), Faults(file or "table")
+    sizes = {np.shape(values) for _, values in titled}
     if len(sizes) != 1 or len(next(iter(sizes))) != 1:
         faults.stop("the columns of the table have different lengths" if sizes else "the table is empty")
     (size,) = next(iter(sizes))
-    blocks = [RowBlock(lines or range(1, size + 1), cells)] if size else []
-    return RawTable(tuple(titles), 0, iter(blocks), faults)
+    blocks = [RowBlock(lines or range(1, size + 1), [values for _, values in titled])] if size else []
+    return RawTable(tuple(title for title, _ in titled), 0, iter(blocks), faults)
 
 
 def _text_table(path: Path, known: Collection[str], spec: DataSpec) -> RawTable:
@@ -218,16 +214,10 @@ def encoding_of(path: Path, faults: Faults) -> str:
 def lines_of(path: Path, encoding: str, faults: Faults) -> Iterator[TextLine]:
     """The lines of a file, counted from 1, none so long that it fills the memory."""
     with opened(path, MAX_TABLE_BYTES) as stream, TextIOWrapper(stream, encoding) as lines:
-        number = 0
-        while text := _next_line(lines, faults):
-            number += 1
-            if len(text) == MAX_LINE_CHARACTERS:
-                faults.stop(f"the line has more than {MAX_LINE_CHARACTERS} characters", "is it a CSV file?", number)
-            yield TextLine(number, text.rstrip("\n"))
-
-
-def _next_line(lines: TextIOWrapper, faults: Faults) -> str:
-    try:
-        return lines.readline(MAX_LINE_CHARACTERS)
-    except UnicodeDecodeError as error:
-        faults.stop(f"not UTF-8 text (byte 0x{error.object[error.start]:02x})", "save the file as UTF-8")
+        try:
+            for number, text in enumerate(iter(lambda: lines.readline(MAX_LINE_CHARACTERS), ""), 1):
+                if len(text) == MAX_LINE_CHARACTERS:
+                    faults.stop(f"the line has more than {MAX_LINE_CHARACTERS} characters", "is it a CSV file?", number)
+                yield TextLine(number, text.rstrip("\n"))
+        except UnicodeDecodeError as error:
+            faults.stop(f"not UTF-8 text (byte 0x{error.object[error.start]:02x})", "save the file as UTF-8")

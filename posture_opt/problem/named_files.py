@@ -12,7 +12,7 @@ import numpy as np
 import yaml
 
 from posture_opt.errors import BadValueError, InputError, Issue, nearest
-from posture_opt.files import content, located, naming
+from posture_opt.files import located, named_content
 from posture_opt.limits import MOST_PATH_POINTS
 from posture_opt.measurements.camera_section import Intrinsics
 from posture_opt.measurements.columns import NumberText
@@ -72,10 +72,7 @@ def named_files(data: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
 
 def read_intrinsics(path: Path) -> Intrinsics:
     """Camera matrix and distortion of a YAML file that OpenCV or ROS wrote."""
-    try:
-        text = content(path, 1_000_000).decode("utf-8", "replace")
-    except InputError as error:
-        raise naming(path, error) from None
+    text = named_content(path, 1_000_000).decode("utf-8", "replace")
     # OpenCV writes %YAML:1.0, which is none, and a tag for matrices
     plain = re.sub(r"^%YAML.*$", "", text, flags=re.MULTILINE).replace("!!opencv-matrix", "")
     try:

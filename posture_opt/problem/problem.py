@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from posture_opt import explorer_of
-from posture_opt.errors import InputError, Issue, KeyPath
-from posture_opt.files import content, located, naming
+from posture_opt.errors import Issue, KeyPath
+from posture_opt.files import located, named_content
 from posture_opt.limits import MAX_URDF_BYTES
 from posture_opt.model.effects import Effect
 from posture_opt.problem.effects_section import arm_with, moving_effects, noisy_sources
@@ -344,10 +344,7 @@ class Problem(ProblemData):
         if name in self.attached:
             return self.attached[name].encode()
         path = located(self.folder, name)
-        try:
-            found = content(path, MAX_URDF_BYTES)
-        except InputError as error:
-            raise naming(path, error) from None
+        found = named_content(path, MAX_URDF_BYTES)
         return with_whole_paths(found, path) if b"<mesh" in found else found
 
 

@@ -14,7 +14,7 @@ import numpy as np
 import yaml
 
 from posture_opt.errors import InputError, Issue, KeyPath
-from posture_opt.files import content, naming
+from posture_opt.files import named_content
 from posture_opt.limits import MAX_YAML_BYTES
 
 Plain = Any  # A value of a problem file before its schema has read it: text, number, or lists and mappings of them
@@ -82,10 +82,9 @@ def read_yaml(path: str | Path) -> ProblemDocument:
 
 def _read_text(path: Path) -> str:
     try:
-        found = content(path, MAX_YAML_BYTES)
+        found = named_content(path, MAX_YAML_BYTES)
     except InputError as error:
-        named = naming(path, error).issues
-        raise InputError([replace(issue, hint=issue.hint or _STARTER_HINT) for issue in named]) from None
+        raise InputError([replace(issue, hint=issue.hint or _STARTER_HINT) for issue in error.issues]) from None
     try:
         return found.decode("utf-8-sig")
     except UnicodeDecodeError as error:

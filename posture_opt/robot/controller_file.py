@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from posture_opt.errors import BadValueError, InputError, Issue
-from posture_opt.files import content, located, naming
+from posture_opt.files import located, named_content
 from posture_opt.robot.axes import axes_of, beside_bodies, nearest_values
 from posture_opt.robot.robot import Factor, Robot, frame_factors
 
@@ -28,10 +28,7 @@ _ORIGIN = ("x", "y", "z", "roll", "pitch", "yaw")
 def controller_values(nominal: Robot, folder: Path, file: str) -> dict[str, float]:
     """What the file adds to the parameters of the nominal arm [rad or m], frames beside the nominal ones."""
     path = located(folder, file)
-    try:
-        text = content(path, _MOST_BYTES).decode("utf-8", "replace")
-    except InputError as error:
-        raise naming(path, error) from None
+    text = named_content(path, _MOST_BYTES).decode("utf-8", "replace")
     try:
         deltas = {name.lower(): _numbers(values, nominal) for name, values in _DELTA.findall(text)}
         return beside_bodies(nominal, _corrections(deltas, nominal)) if deltas else _of_origins(text, nominal)

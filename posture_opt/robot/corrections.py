@@ -9,7 +9,7 @@ from typing import Literal
 
 from posture_opt.errors import BadValueError, InputError, Issue, did_you_mean, listed, nearest
 from posture_opt.robot.axes import NEARLY_PARALLEL, beside_bodies, moved_factors
-from posture_opt.robot.robot import Factor, Joint, Robot
+from posture_opt.robot.robot import Factor, Robot
 from posture_opt.units import parse_quantity
 
 
@@ -65,20 +65,15 @@ def name_issues(name: str, known: Iterable[str]) -> list[Issue]:
     joint, _, part = name.rpartition(".") if "." in name else (name, "", "")
     own = [parameter.rpartition(".")[2] for parameter in every if parameter.rpartition(".")[0] == joint]
     if own:
-        near = _nearest_part(part, own)
+        other = {"theta": "d", "d": "theta"}.get(part, "")  # the variable of a slide, of a joint that turns
+        begun = next((word for word in own if part and word.startswith(part)), "")
+        near = other if other in own else begun or nearest(part, own)
         hint = (f"did you mean '{joint}.{near}'? " if near else "") + f"{joint} has {', '.join(own)}"
     else:
         near = nearest(name, every)
         owners = dict.fromkeys(parameter.rpartition(".")[0] for parameter in every)
         hint = (f"did you mean '{near}'? " if near else "") + f"parameters have: {listed(owners, 12)}"
     return [Issue("the robot has no such parameter", (name,), name, hint)]
-
-
-def _nearest_part(part: str, known: list[str]) -> str:
-    """What was probably meant by the part of a name behind the joint, ``theta`` say; empty where nothing is like it."""
-    own_variable = {"theta": "d", "d": "theta"}.get(part, "")  # of a slide, of a joint that turns
-    begun = next((word for word in known if part and word.startswith(part)), "")
-    return own_variable if own_variable in known else begun or nearest(part, known)
 
 
 def corrections_of(nominal: Robot, robot: Robot) -> dict[str, float]:
@@ -97,23 +92,18 @@ def with_velocities(robot: Robot, given: Mapping[str, object]) -> Robot:
         for name in given
         if name not in names
     ]
-    joints = tuple(
-        _driven(joint, given[joint.name], issues) if joint.name in given else joint for joint in robot.joints
-    )
+    speeds: dict[str, float] = {}
+    for joint in (joint for joint in robot.joints if joint.name in given):
+        try:
+            speed = parse_quantity(given[joint.name], "angular velocity" if joint.type == "revolute" else "velocity")
+            if not speed > 0:
+                raise BadValueError("the largest speed of a joint is above zero", "leave it out where it is unknown")
+            speeds[joint.name] = speed
+        except BadValueError as error:
+            issues.append(error.issue(("velocity", joint.name), given[joint.name]))
     if issues:
         raise InputError(issues)
-    return replace(robot, joints=joints)
-
-
-def _driven(joint: Joint, given: object, issues: list[Issue]) -> Joint:
-    try:
-        speed = parse_quantity(given, "angular velocity" if joint.type == "revolute" else "velocity")
-        if not speed > 0:
-            raise BadValueError("the largest speed of a joint is above zero", "leave it out where it is unknown")
-    except BadValueError as error:
-        issues.append(error.issue(("velocity", joint.name), given))
-        return joint
-    return replace(joint, velocity=speed)
+    return replace(robot, joints=tuple(replace(j, velocity=speeds.get(j.name, j.velocity)) for j in robot.joints))
 
 
 def is_fitted(robot: Robot, name: str) -> bool:

@@ -13,7 +13,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, ValidationError, ValidationInfo, WithJsonSchema, field_validator, model_validator
 
 from posture_opt.errors import BadValueError, InputError, Issue, as_given
-from posture_opt.files import content, located, naming
+from posture_opt.files import located, named_content
 from posture_opt.limits import MOST_JOINTS
 from posture_opt.numerics import TURN
 from posture_opt.robot.corrections import corrected, with_velocities
@@ -263,10 +263,7 @@ def table_rows(folder: Path, file: str) -> list[dict[str, object]]:
     """What a section ``joints`` would state: columns ``name, type, a [mm], alpha [deg], d [mm], theta [deg], lower
     [deg], upper [deg]``, of which any but the name may be left out."""
     path = located(folder, file)
-    try:
-        text = content(path, _MOST_BYTES).decode("utf-8-sig", "replace")
-    except InputError as error:
-        raise naming(path, error) from None
+    text = named_content(path, _MOST_BYTES).decode("utf-8-sig", "replace")
     lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
     separator = max(",;\t", key=(lines or [""])[0].count)
     header, *rows = [*csv.reader(lines, delimiter=separator)] or [[]]

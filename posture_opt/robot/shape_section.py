@@ -179,7 +179,7 @@ def shaped(robot: Robot, given: ShapeSpec | None, T_last: Array | None = None) -
     issues = [
         issue if isinstance(given, ShapeSection) else replace(issue, key=("shape", *issue.key[2:]))
         for part, specs in parts.items()
-        for issue in (*_unknown_joints(robot, part, specs), *_repeated(part, specs))
+        for issue in _capsule_issues(robot, part, specs)
     ]
     if issues:
         raise InputError(issues)
@@ -200,19 +200,14 @@ def shaped(robot: Robot, given: ShapeSpec | None, T_last: Array | None = None) -
     return replace(robot, shape=(*robot.shape, *added), shape_notes=robot.shape_notes + (notes if plain else ()))
 
 
-def _unknown_joints(robot: Robot, part: str, specs: Sequence[CapsuleSpec]) -> list[Issue]:
-    known = (*robot.joint_names, BASE, TOOL)
-    return [
-        Issue("the robot has no such joint", ("shape", part, i, "joint"), spec.joint, did_you_mean(spec.joint, known))
-        for i, spec in enumerate(specs)
-        if spec.joint not in known
-    ]
-
-
-def _repeated(part: str, specs: Sequence[CapsuleSpec]) -> list[Issue]:
-    first = {spec.capsule(): i for i, spec in reversed([*enumerate(specs)])}
-    return [
-        Issue(f"the same capsule as entry {first[spec.capsule()]}", ("shape", part, i), hint="leave one of the two out")
-        for i, spec in enumerate(specs)
-        if first[spec.capsule()] != i
-    ]
+def _capsule_issues(robot: Robot, part: str, specs: Sequence[CapsuleSpec]) -> Iterator[Issue]:
+    known, capsules = (*robot.joint_names, BASE, TOOL), [spec.capsule() for spec in specs]
+    for i, joint in enumerate(capsule.joint for capsule in capsules):
+        if joint not in known:
+            hint = did_you_mean(joint, known)
+            yield Issue("the robot has no such joint", ("shape", part, i, "joint"), joint, hint)
+    first = {capsule: i for i, capsule in reversed([*enumerate(capsules)])}
+    for i, capsule in enumerate(capsules):
+        if first[capsule] != i:
+            same = f"the same capsule as entry {first[capsule]}"
+            yield Issue(same, ("shape", part, i), hint="leave one of the two out")

@@ -111,7 +111,18 @@ def read_urdf(path: Path) -> UrdfTree:
 
 def urdf_tree(data: bytes, name: str) -> UrdfTree:
     """The tree of a URDF that is called ``name``; lengths in [m], angles in [rad]."""
-    return _tree_of(_robot_element(data, name), Path(name).stem)
+    robot, reader = _robot_element(data, name), _UrdfReader([])
+    links = [(reader.name(element), element) for element in robot.each("link")]
+    tree = UrdfTree(
+        reader.text(robot, "name", "the <robot>") if robot.attributes.get("name") else one_line(Path(name).stem),
+        tuple(link for link, _ in links),
+        tuple(reader.joint(element) for element in robot.each("joint")),
+        {link: reader.inertial(link, inside) for link, element in links for inside in element.each("inertial")},
+        {link: tuple(reader.collisions(link, element)) for link, element in links},
+    )
+    if issues := reader.issues or [*tree.faults()]:
+        raise InputError(issues)
+    return tree
 
 
 def in_urdf(issue: Issue, path: Path) -> Issue:
@@ -124,43 +135,19 @@ def in_urdf(issue: Issue, path: Path) -> Issue:
 def _robot_element(data: bytes, name: str) -> Element:
     """The element ``<robot>`` of the file ``name``."""
     elements = read_elements(data)
-    if unexpanded := next(filter(None, map(_xacro_issue, elements)), None):
-        stem = name.removesuffix(".xacro").removesuffix(".urdf").removesuffix(".xml")
-        there = f"{stem}.urdf" if name != f"{stem}.urdf" else f"{stem}_expanded.urdf"
-        raise InputError(replace(unexpanded, hint=f"expand it first: xacro {name} > {there}"))
+    for element in elements:
+        given = [f' {key}="{value}"' for key, value in element.attributes.items() if "${" in value or "$(" in value]
+        macro = element.tag.startswith("xacro:")
+        if macro or given:
+            stem = name.removesuffix(".xacro").removesuffix(".urdf").removesuffix(".xml")
+            there = f"{stem}.urdf" if name != f"{stem}.urdf" else f"{stem}_expanded.urdf"
+            message = f"this is a xacro file, not a URDF: it holds <{element.tag}{'' if macro else given[0]}>"
+            raise InputError(Issue(message, hint=f"expand it first: xacro {name} > {there}", line=element.line))
     root = elements[0]
     if root.tag != "robot":
         message = f"the file is no URDF: it begins with <{root.tag}>, not <robot>"
         raise InputError(Issue(message, hint="name a URDF file", line=root.line))
     return root
-
-
-def _xacro_issue(element: Element) -> Issue | None:
-    given = [f'{key}="{value}"' for key, value in element.attributes.items() if "${" in value or "$(" in value]
-    if element.tag.startswith("xacro:"):
-        found = f"<{element.tag}>"
-    elif given:
-        found = f"<{element.tag} {given[0]}>"
-    else:
-        return None
-    message = f"this is a xacro file, not a URDF: it holds {found}"
-    return Issue(message, line=element.line)
-
-
-def _tree_of(robot: Element, stem: str) -> UrdfTree:
-    """The tree of an element ``<robot>``; ``stem`` of the file name stands in for a missing name."""
-    reader = _UrdfReader([])
-    links = [(reader.name(element), element) for element in robot.each("link")]
-    tree = UrdfTree(
-        reader.text(robot, "name", "the <robot>") if robot.attributes.get("name") else one_line(stem),
-        tuple(name for name, _ in links),
-        tuple(reader.joint(element) for element in robot.each("joint")),
-        {name: reader.inertial(name, inside) for name, link in links for inside in link.each("inertial")},
-        {name: tuple(reader.collisions(name, link)) for name, link in links},
-    )
-    if issues := reader.issues or [*tree.faults()]:
-        raise InputError(issues)
-    return tree
 
 
 @dataclass(frozen=True)
@@ -225,13 +212,9 @@ class _UrdfReader:
                         yield Collision(geometry.tag, size, self._origin_of(collision, owner), file)  # type: ignore[arg-type]
 
     def _geometry_numbers(self, geometry: Element, owner: str) -> tuple[float, ...]:
-        given = [
-            (key, geometry.attributes[key], n) for key, n in _GEOMETRY_SIZES[geometry.tag] if key in geometry.attributes
-        ]
-        numbers = [v for key, text, n in given for v in self._finite_numbers(geometry, key, text.split(), n, owner)]
-        if geometry.tag == "mesh":
-            return tuple(numbers) or (1.0, 1.0, 1.0)
-        return tuple(numbers) if len(given) == len(_GEOMETRY_SIZES[geometry.tag]) else (0.0,)
+        given = [self._numbers(geometry, key, n, owner) for key, n in _GEOMETRY_SIZES[geometry.tag]]
+        size = tuple(number for numbers in given for number in numbers)
+        return size if all(given) else (1.0, 1.0, 1.0) if geometry.tag == "mesh" else (0.0,)
 
     def text(self, element: Element, key: str, owner: str) -> str:
         """An attribute in one line and not empty, or an issue."""
@@ -259,18 +242,17 @@ class _UrdfReader:
 
     def _three_numbers(self, element: Element | None, key: str, owner: str) -> Array:
         """(3,) the numbers of an attribute [m or rad], zeros without it."""
-        given = element.attributes.get(key) if element else None
-        if element is None or given is None:
-            return np.zeros(3)
-        return np.array(self._finite_numbers(element, key, given.split(), 3, owner))
+        return np.array(self._numbers(element, key, 3, owner) or [0.0] * 3)
 
     def _one_number(self, element: Element | None, key: str, owner: str) -> float | None:
-        given = element.attributes.get(key) if element else None
-        return None if element is None or given is None else self._finite_numbers(element, key, [given], 1, owner)[0]
+        found = self._numbers(element, key, 1, owner)
+        return found[0] if found else None
 
-    def _finite_numbers(self, element: Element, key: str, words: list[str], count: int, owner: str) -> list[float]:
-        """``count`` finite numbers, `NEGLIGIBLE` ones as zeros; zeros and an issue where the words are none."""
-        numbers = [number_or_nan(word) for word in words]
+    def _numbers(self, element: Element | None, key: str, count: int, owner: str) -> list[float]:
+        """``count`` finite numbers, `NEGLIGIBLE` ones as zeros; zeros and an issue where they are none; [] without."""
+        if element is None or key not in element.attributes:
+            return []
+        numbers = [number_or_nan(word) for word in element.attributes[key].split()]
         finite = len(numbers) == count and all(map(math.isfinite, numbers))
         if finite and all(abs(number) < MAX_NUMBER for number in numbers):
             return [number if abs(number) > NEGLIGIBLE else 0.0 for number in numbers]

@@ -99,6 +99,14 @@ class UrdfTree:
         """The joints that ``link`` carries."""
         return self._carried_joints.get(link, [])
 
+    def behind(self, link: str) -> Iterator[UrdfJoint]:
+        """All joints behind ``link``."""
+        open_links = [link]
+        while open_links:
+            below = self.below(open_links.pop())
+            yield from below
+            open_links += [joint.child for joint in below]
+
     @cached_property
     def _carried_joints(self) -> dict[str, list[UrdfJoint]]:
         carried: dict[str, list[UrdfJoint]] = defaultdict(list)
@@ -160,17 +168,10 @@ class UrdfTree:
             message = f"link '{name}' is the child of two joints, one of them '{carrying[name].name}'"
             yield Issue(message, hint="cut the closed loop: a serial arm has none", line=carrying[name].line)
         if len(carrying) == len(self.joints):
-            yield from self._closed_loops()
-
-    def _closed_loops(self) -> Iterator[Issue]:
-        reached, open_links = set(), self.roots()
-        while open_links:
-            link = open_links.pop()
-            reached.add(link)
-            open_links += [joint.child for joint in self.below(link) if joint.child not in reached]
-        if looped := [joint for joint in self.joints if joint.child not in reached]:
-            message = f"the joints form a closed loop, '{looped[0].name}' among them"
-            yield Issue(message, hint="cut it: a serial arm has none", line=looped[0].line)
+            reached = {joint.name for root in self.roots() for joint in self.behind(root)}
+            if looped := [joint for joint in self.joints if joint.name not in reached]:
+                message = f"the joints form a closed loop, '{looped[0].name}' among them"
+                yield Issue(message, hint="cut it: a serial arm has none", line=looped[0].line)
 
 
 def _doubled_names(names: Iterable[str]) -> list[str]:
@@ -269,12 +270,7 @@ class _Fingers:
 
     @cached_property
     def moving(self) -> tuple[UrdfJoint, ...]:
-        found, open_links = [], [self.base]
-        while open_links:
-            below = self.tree.below(open_links.pop())
-            found += [joint for joint in below if joint.type != "fixed"]
-            open_links += [joint.child for joint in below]
-        return tuple(found)
+        return tuple(joint for joint in self.tree.behind(self.base) if joint.type != "fixed")
 
     @cached_property
     def _behind(self) -> dict[str, list[UrdfJoint]]:

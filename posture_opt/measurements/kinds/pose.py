@@ -89,7 +89,12 @@ class Pose(Position):
 
     def unknown_slope(self, seen: Seen, axis: int) -> Slots:
         """``−∂(T m)``, and ``−ω`` with ``[ω] = ∂R_T R_Tᵀ``."""
-        return (*super().unknown_slope(seen, axis), *_turn_by(self, seen, axis))
+        moved = super().unknown_slope(seen, axis)
+        assert self.frame is not None, "a frame of its own"
+        if axis < 3:
+            return (*moved, 0.0, 0.0, 0.0)
+        W = self.frame.turn(seen.values, axis - 3) @ np.swapaxes(self.frame.turn(seen.values), -1, -2)
+        return (*moved, *(-w for w in skew_part(W)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,15 +118,6 @@ class CameraPose(Pose):
         """(N, 3) ``−R t``: from the board to the camera, as the model turns it [m]."""
         turned = tool_pose(seen)[0] @ np.swapaxes(self.orientations(seen), -1, -2)
         return np.asarray(np.einsum("nij,nj->ni", turned, seen.reading[:, :3]))
-
-
-@lru_cache(maxsize=16)
-def _turn_by(kind: Pose, seen: Seen, axis: int) -> Slots:
-    assert kind.frame is not None, "a frame of its own"
-    if axis < 3:
-        return (0.0, 0.0, 0.0)
-    W = kind.frame.turn(seen.values, axis - 3) @ np.swapaxes(kind.frame.turn(seen.values), -1, -2)
-    return tuple(-w for w in skew_part(W))
 
 
 _FRAMES = ("camera", "board")
