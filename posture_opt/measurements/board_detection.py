@@ -153,15 +153,6 @@ def _check_names(names: Sequence[str], known: Container[str], joints: Path) -> N
 
 def picture_of(data: bytes, image: Path) -> Array:
     """The grey values (height, width) of a picture; ``image`` names it in errors."""
-    _check_size(image, data)
-    cv2 = opencv()
-    found: Any = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_GRAYSCALE)
-    if found is None:
-        raise _no_picture(image)
-    return np.asarray(found)
-
-
-def _check_size(image: Path, data: bytes) -> None:
     try:
         with Image.open(BytesIO(data)) as picture:
             width, height = picture.size
@@ -171,6 +162,11 @@ def _check_size(image: Path, data: bytes) -> None:
         raise _no_picture(image) from None
     if width * height > MOST_PIXELS.most:
         raise InputError(Issue(MOST_PIXELS.message(width * height), hint=MOST_PIXELS.hint, file=str(image)))
+    cv2 = opencv()
+    found: Any = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_GRAYSCALE)
+    if found is None:
+        raise _no_picture(image)
+    return np.asarray(found)
 
 
 def _no_picture(image: Path) -> InputError:

@@ -245,14 +245,12 @@ class Bodies:
             if any((board.on == "tool") == tool for tool in mounts):
                 hint = "a camera in the cell sees boards on the tool, one on the tool boards in the cell"
                 raise BadValueError(f"the board '{name}' and a camera are both on the {board.on}", hint)
-        found: dict[str, tuple[float, float, float]] = {}
         codes, points, rigid = [], [], dict[str, bool]()
         for marker in markers:
             name, place = _on_board(stated, marker)
             rigid.setdefault(name, place is not None)
             codes.append(list(rigid).index(name))
             points.append(place or (0.0, 0.0, 0.0))
-            found[marker] = points[-1]
         names = tuple(rigid)
         return cls(names, np.array(list(rigid.values())), np.array(codes, dtype=np.intp), np.array(points))
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from posture_opt.errors import BadValueError
 from posture_opt.limits import MOST_CELLS
-from posture_opt.measurements.data_section import DataSpec
+from posture_opt.measurements.data_section import NOTHING_STATED, DataSpec
 from posture_opt.measurements.kinds import KINDS
 from posture_opt.measurements.kinds.pose import ORIENTATIONS
 from posture_opt.measurements.kinds.position import COORDINATES
@@ -156,28 +156,34 @@ def read_cells(
     blocks: Iterable[RowBlock],
     columns: Iterable[Column],
     faults: Faults,
-    spec: DataSpec | None = None,
+    spec: DataSpec = NOTHING_STATED,
     joints: Iterable[str] = (),
 ) -> Cells:
     """All rows of the known columns; cells that cannot be used join ``faults``, each with its line."""
     cells, known, marks, count = Cells(), list(columns), None, 0
-    own = columns_of_kinds(spec or DataSpec()) - {*joints}
+    own = columns_of_kinds(spec) - {*joints}
     for block in blocks:
         count += len(block.lines) * len(known)
         if count > MOST_CELLS.most:
             faults.stop(MOST_CELLS.beyond, MOST_CELLS.hint)
         mixed = any(column.name == "instrument" for column in known)
-        cells.marks = marks = marks or _number_marks(block, known, faults, spec or DataSpec())
+        if marks is None:
+            numbers = (block.cells[column.index] for column in known if column.kind != "label")
+            texts = (text for given in numbers if not isinstance(given, np.ndarray) for text in given)
+            try:
+                cells.marks = marks = NumberText.of(texts, spec.decimal, spec.thousands)
+            except BadValueError as error:
+                faults.stop(error.message, error.hint)
         cells.lines.append(np.asarray(block.lines, dtype=np.intp))
         for column in known:
-            texts = block.cells[column.index]
+            given = block.cells[column.index]
             sparse = mixed and column.name in own
             if column.kind == "label":
                 names = cells.texts.setdefault(column.name, {})
-                codes = _label_codes(texts, block.lines, column, names, faults, sparse)
+                codes = _label_codes(given, block.lines, column, names, faults, sparse)
                 cells.codes.setdefault(column.name, []).append(codes)
                 continue
-            values = _column_numbers(texts, block.lines, column, marks, faults, sparse) * column.factor + column.offset
+            values = _column_numbers(given, block.lines, column, marks, faults, sparse) * column.factor + column.offset
             cells.numbers.setdefault(column.name, []).append(values)
     return cells
 
@@ -216,15 +222,6 @@ def check_inputs(cells: Cells, robot: Robot, faults: Faults) -> None:
         least, message, hint = LEAST_INPUTS[name]
         for row in np.flatnonzero(values < least):
             faults.add(message, name, values[row], hint, int(cells.line[row]))
-
-
-def _number_marks(block: RowBlock, columns: Sequence[Column], faults: Faults, spec: DataSpec) -> NumberText:
-    numbers = (block.cells[column.index] for column in columns if column.kind != "label")
-    texts = (text for cells in numbers if not isinstance(cells, np.ndarray) for text in cells)
-    try:
-        return NumberText.of(texts, spec.decimal, spec.thousands)
-    except BadValueError as error:
-        faults.stop(error.message, error.hint)
 
 
 def _label_codes(

@@ -94,3 +94,6 @@ class DataSpec(Spec):
         if self.decimal is not None and self.decimal == self.thousands:
             raise BadValueError(f"'{self.decimal}' cannot be both decimal mark and mark of thousands", "keep one")
         return self
+
+
+NOTHING_STATED = DataSpec()

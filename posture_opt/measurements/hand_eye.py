@@ -29,7 +29,9 @@ def board_pose(points: Array, rays: Array) -> Array | None:
     if size[2] > _FLATNESS * size[0]:
         if len(points) < 6:
             return None
-        starts = [_by_direct_transformation(points - middle, rays)]
+        P = _projection(points - middle, rays)  # a direct linear transformation, up to a factor
+        P = P * np.sign(np.linalg.det(P[:, :3])) / abs(np.linalg.det(P[:, :3])) ** (1 / 3)
+        starts = [rigid(nearest_rotation(P[:, :3]), P[:, 3])]
     else:
         axes[2] = np.cross(axes[0], axes[1])
         T = _by_homography((points - middle) @ axes[:2].T, rays)
@@ -123,13 +125,6 @@ def _by_homography(flat: Array, rays: Array) -> Array:
     H = H / np.linalg.norm(H[:, :2], axis=0).mean()
     H = H if H[2, 2] > 0 else -H  # the board is before the camera
     return rigid(nearest_rotation(np.column_stack([H[:, :2], np.cross(H[:, 0], H[:, 1])])), H[:, 2])
-
-
-def _by_direct_transformation(points: Array, rays: Array) -> Array:
-    """T_camera_board (4, 4) from points (n, 3) in space and their rays."""
-    P = _projection(points, rays)
-    P = P * np.sign(np.linalg.det(P[:, :3])) / abs(np.linalg.det(P[:, :3])) ** (1 / 3)
-    return rigid(nearest_rotation(P[:, :3]), P[:, 3])
 
 
 def _mirrored(T: Array) -> Array:

@@ -9,7 +9,7 @@ from difflib import get_close_matches
 
 from posture_opt.errors import BadValueError, Issue, listed, nearest, one_of
 from posture_opt.measurements.columns import AXES, LABELS, CellKind, Column
-from posture_opt.measurements.data_section import DataSpec
+from posture_opt.measurements.data_section import NOTHING_STATED, DataSpec
 from posture_opt.measurements.kinds import KINDS, Position
 from posture_opt.measurements.kinds.pose import ORIENTATION_GROUPS
 from posture_opt.measurements.layout import BRACKETED_HEADER, ROUND_HEADER
@@ -54,9 +54,9 @@ def column_dimensions(robot: Robot, spec: DataSpec) -> dict[str, str]:
     }
 
 
-def column_kinds(robot: Robot, spec: DataSpec | None = None) -> dict[str, CellKind]:
+def column_kinds(robot: Robot, spec: DataSpec = NOTHING_STATED) -> dict[str, CellKind]:
     """Every column that a file of this robot may have, with how its cells are read."""
-    numbers = (*column_dimensions(robot, spec or DataSpec()), *orientation_names(robot, angles=False))
+    numbers = (*column_dimensions(robot, spec), *orientation_names(robot, angles=False))
     sides = (f"{name}.approach" for name in robot.joint_names)
     return {**dict.fromkeys(numbers, "number"), **dict.fromkeys(LABELS, "label"), **dict.fromkeys(sides, "side")}
 
@@ -104,7 +104,12 @@ class Header:
     def report_faults(self, line: int, faults: Faults, kinds: dict[str, CellKind]) -> None:
         """One fault for the whole header, whatever is wrong with it: one thing in detail, several in one sentence."""
         if len(self.unknown) + len(self.unitless) + len(self.missing) != 1:
-            self._report_all(line, faults)
+            unknown = [f"'{name}'" + f" (did you mean {near}?)" * bool(near) for name, near in self.unknown.items()]
+            parts = [f"missing {listed(self.missing.values())}"] if self.missing else []
+            parts += [f"unknown {listed(unknown, _MAX_LISTED_COLUMNS)}"] if unknown else []
+            parts += [f"no unit in {listed(self.unitless)}"] if self.unitless else []
+            if parts:
+                faults.add(f"the header does not fit: {'; '.join(parts)}", hint=self._mapping_hint(), line=line)
             return
         for name, near in self.unknown.items():
             hint = f"did you mean '{near}'?" if near else f"known are {', '.join(kinds)}"
@@ -119,14 +124,6 @@ class Header:
         for name, title in self.missing.items():
             what = "the column of this joint is missing" if name else "nothing is measured"
             faults.add(what, name, hint=f"add {title}", line=line)
-
-    def _report_all(self, line: int, faults: Faults) -> None:
-        unknown = [f"'{name}'" + (f" (did you mean {near}?)" if near else "") for name, near in self.unknown.items()]
-        parts = [f"missing {listed(self.missing.values())}"] if self.missing else []
-        parts += [f"unknown {listed(unknown, _MAX_LISTED_COLUMNS)}"] if unknown else []
-        parts += [f"no unit in {listed(self.unitless)}"] if self.unitless else []
-        if parts:
-            faults.add(f"the header does not fit: {'; '.join(parts)}", hint=self._mapping_hint(), line=line)
 
     def _mapping_hint(self) -> str:
         labels = (*LABELS, *_INPUT_DIMENSIONS)
@@ -149,10 +146,9 @@ class Header:
 
 
 def read_header(
-    titles: Sequence[str], robot: Robot, line: int, faults: Faults, spec: DataSpec | None = None
+    titles: Sequence[str], robot: Robot, line: int, faults: Faults, spec: DataSpec = NOTHING_STATED
 ) -> tuple[dict[str, Column], tuple[str, ...]]:
     """The known columns by name, and the column headers that are left out; what else is wrong joins ``faults``."""
-    spec = spec or DataSpec()
     header = _read_columns(titles, robot, line, faults, spec)
     there = {*header.found, *header.probable_names}
     _note_missing(header, there, robot, spec)
@@ -166,7 +162,7 @@ def read_header(
 def known_columns(titles: Sequence[str], robot: Robot, line: int, faults: Faults) -> tuple[dict[str, Column], set[str]]:
     """The known columns by name, and what unknown ones were probably meant to be."""
     # These, doubled or unitless ones join ``faults``, and nothing that is missing does
-    header = _read_columns(titles, robot, line, faults, DataSpec())
+    header = _read_columns(titles, robot, line, faults, NOTHING_STATED)
     if _is_of_another_robot(header, robot, line, faults):
         return header.found, {*robot.joint_names, *header.probable_names}
     header.report_faults(line, faults, column_kinds(robot))

@@ -79,7 +79,8 @@ def _laid_out(
     rows = [(line, split_cells(line.text if line.comment is None else line.comment, separator)) for line in sample]
     scores = [sum(cell.strip() in known or name_of(cell) in known for cell in cells) for _, cells in rows]
     plain = [k for k, (line, _) in enumerate(rows) if line.comment is None]
-    numeric = [_mostly_numbers(rows[k][1]) for k in plain]
+    filled = [[cell for cell in rows[k][1] if cell.strip()] for k in plain]
+    numeric = [bool(cells) and sum(map(is_number, cells)) * 2 >= len(cells) for cells in filled]
     # Three rows of numbers behind each other begin the table; a line of numbers within the header is none.
     first = next((k for i, k in enumerate(plain) if all(numeric[i : i + 3])), len(rows))
     best = max(range(len(rows)), key=lambda k: (scores[k], -k), default=0)
@@ -96,11 +97,6 @@ def _laid_out(
     line = 0 if headless else rows[best][0].number
     layout = Layout(separator, tuple(titles), line, rows[last][0].number if last >= 0 else 0, skipped)
     return (scores[best], same, -_SEPARATORS.index(separator)), layout
-
-
-def _mostly_numbers(cells: Sequence[str]) -> bool:
-    filled = [cell for cell in cells if cell.strip()]
-    return bool(filled) and sum(map(is_number, filled)) * 2 >= len(filled)
 
 
 def _with_units(rows: Sequence[tuple[TextLine, list[str]]], at: int) -> tuple[list[str], int]:

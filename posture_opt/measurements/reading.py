@@ -72,7 +72,12 @@ def read_measurements(source: TableLike, problem: HasData) -> Measurements:
     if not cells.line.size and not faults.count:
         faults.stop("there is no row behind the header", "add one row for each measurement", table.line)
     faults.refuse()
-    _check_labels(cells, faults)
+    places = dict.fromkeys(("target", *(kind.label for kind in KINDS if kind.label)), MOST_PLACES)
+    for name, limit in {"robot": MOST_ROBOTS, **places}.items():
+        count = len(cells.code(name)[1])
+        if count > limit.most:
+            faults.add(limit.message(count), name, count, limit.hint)
+    faults.refuse()
     turned = orientation_of(cells, columns, problem.robot, problem.data, faults)
     data = _assemble_rows(cells, columns, problem, turned, faults)
     faults.refuse()
@@ -89,15 +94,6 @@ def read_measurements(source: TableLike, problem: HasData) -> Measurements:
     return replace(
         data, warnings=tuple(notes), notes=notes_of_file, better_reading=better, unmeasured=tuple(unmeasured)
     )
-
-
-def _check_labels(cells: Cells, faults: Faults) -> None:
-    places = dict.fromkeys(("target", *(kind.label for kind in KINDS if kind.label)), MOST_PLACES)
-    for name, limit in {"robot": MOST_ROBOTS, **places}.items():
-        count = len(cells.code(name)[1])
-        if count > limit.most:
-            faults.add(limit.message(count), name, count, limit.hint)
-    faults.refuse()
 
 
 def _assemble_rows(

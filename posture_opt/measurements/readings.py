@@ -236,10 +236,18 @@ def fitting_readings(sample: Sample, arm: Arm, readings: Callable[[], Sequence[R
         q = carried_joint_values(arm, rows.q)
         tried.append((reading, replace(sample, q=q, position=rows.position, rotation=rows.rotation)))
     fits = [(r, frame_fit(read, r.scale)) for r, read in _screened(tried)]
+    closer, gain = max(2.5, math.exp(_EVIDENCE / sample.spare)), 2 * _EVIDENCE
     good = [
         (r, fit)
         for r, fit in fits
-        if (now.scatter > fit.scatter * max(2.5, math.exp(_EVIDENCE / sample.spare)) or _relieves(fit, now))
+        if (
+            now.scatter > fit.scatter * closer
+            # or the parts deviate far less from nominal, with about the same scatter
+            or (
+                (now.strain**2 - fit.strain**2 > gain and 2 * fit.strain < now.strain)
+                and fit.scatter < _ALIKE * now.scatter
+            )
+        )
         and fit.left < _MAX_LEFT * sample.motion
         and fit.turned < math.radians(2)
         # A smaller scale is an error of the instrument, which a diagnosis finds.
@@ -249,11 +257,6 @@ def fitting_readings(sample: Sample, arm: Arm, readings: Callable[[], Sequence[R
     alike = [one for one in good if one[1].scatter < _ALIKE * best]
     # Of readings that fit alike, the simplest is named, then the one that moves the tool point less, in steps of 20 mm.
     return now, sorted(alike, key=lambda one: (one[0].changes, round(one[1].shift / 0.02)))
-
-
-def _relieves(fit: FrameFit, given: FrameFit) -> bool:
-    gained = (given.strain**2 - fit.strain**2) / 2
-    return gained > _EVIDENCE and 2 * fit.strain < given.strain and fit.scatter < _ALIKE * given.scatter
 
 
 def better_reading(sample: Sample, arm: Arm, readings: Callable[[], Sequence[Reading]]) -> BetterReading | None:

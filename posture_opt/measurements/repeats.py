@@ -194,8 +194,10 @@ def thin(data: Measurements, most: int, seed: int = 0) -> Thinning | None:
     """Some ``most`` rows of measurements, one posture out of each block of postures; None where they have no more."""
     if len(data) <= most:
         return None
-    unit = _thinning_units(data)
+    # What stays together, numbered in the order of its first row
+    unit = joint_codes(data.goal if data.goal_given else data.pose)
     first = np.unique(unit, return_index=True)[1]
+    unit, first = np.argsort(np.argsort(first))[unit], np.sort(first)
     count = len(first)
     each = min(max(most // count, 3), 30)  # fewer rows of a posture say nothing of scatter, more say little else
     visit = _evenly_spread(joint_codes(unit, data.target), each)
@@ -221,15 +223,6 @@ def thin_each_robot(data: Measurements, most: int) -> Measurements:
         thinning = thin(whole.take(mine), share)
         kept.append(mine if thinning is None else mine[thinning.rows])
     return whole.take(np.sort(np.concatenate(kept)))
-
-
-def _thinning_units(data: Measurements) -> Codes:
-    """(N,) what stays together, numbered in the order of its first row."""
-    labels = data.goal if data.goal_given else data.pose
-    _, first, inverse = np.unique(labels, return_index=True, return_inverse=True)
-    place = np.empty(len(first), dtype=np.intp)
-    place[np.argsort(first, kind="stable")] = np.arange(len(first))
-    return np.asarray(place[inverse.ravel()], dtype=np.intp)
 
 
 def _evenly_spread(codes: Codes, most: int) -> Mask:

@@ -17,7 +17,7 @@ import numpy as np
 from posture_opt.errors import InputError, Issue
 from posture_opt.files import naming, opened
 from posture_opt.limits import MAX_TABLE_BYTES
-from posture_opt.measurements.data_section import DataSpec
+from posture_opt.measurements.data_section import NOTHING_STATED, DataSpec
 from posture_opt.measurements.layout import BLANKS, Layout, TextLine, is_number, split_cells
 
 LINE_INDEX = "line"  # Name of a DataFrame's index that holds the lines of a file
@@ -47,10 +47,10 @@ class RawTable:
     separator: str = ","  # of its cells
 
 
-def open_table(source: TableLike, known: Collection[str] = (), spec: DataSpec | None = None) -> RawTable:
+def open_table(source: TableLike, known: Collection[str] = (), spec: DataSpec = NOTHING_STATED) -> RawTable:
     """The table in a text file, a pandas DataFrame or a mapping from column header to values."""
     if isinstance(source, str | PathLike):
-        return _text_table(Path(fspath(source)), known, spec or DataSpec())
+        return _text_table(Path(fspath(source)), known, spec)
     if isinstance(source, Mapping):
         return _memory_table({str(title): np.asarray(values) for title, values in source.items()}.items())
     if hasattr(source, "iloc") and hasattr(source, "columns"):
@@ -122,7 +122,13 @@ def _row_blocks(rows: Iterator[tuple[int, list[str]]], width: int, faults: Fault
         while len(row) > width and not row[-1].strip():  # some instruments end their rows with a separator
             row.pop()
         if len(row) != width:
-            _ragged_fault(row, width, line, faults)
+            hint = "put a cell with a comma in quotes"
+            if len(row) < width:
+                hint = "a row that broke off? fill in what is missing, or leave it out"
+            elif len(row) <= 2 * width and all(map(is_number, row)):
+                hint = "decimal commas? then separate the columns by semicolons"
+            cells = "1 cell" if len(row) == 1 else f"{len(row)} cells"
+            faults.add(f"{cells} in the row, {width} columns in the header", hint=hint, line=line)
             continue
         lines.append(line)
         kept.append(row)
@@ -131,16 +137,6 @@ def _row_blocks(rows: Iterator[tuple[int, list[str]]], width: int, faults: Fault
             lines, kept = [], []
     if kept:
         yield RowBlock(lines, list(zip(*kept, strict=True)))
-
-
-def _ragged_fault(row: list[str], width: int, line: int, faults: Faults) -> None:
-    hint = "put a cell with a comma in quotes"
-    if len(row) < width:
-        hint = "a row that broke off? fill in what is missing, or leave it out"
-    elif len(row) <= 2 * width and all(map(is_number, row)):
-        hint = "decimal commas? then separate the columns by semicolons"
-    cells = "1 cell" if len(row) == 1 else f"{len(row)} cells"
-    faults.add(f"{cells} in the row, {width} columns in the header", hint=hint, line=line)
 
 
 class Faults:

@@ -10,12 +10,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TypeGuard
 
-from posture_opt.errors import BadValueError, InputError, Issue, KeyPath, one_of
+from posture_opt.errors import BadValueError, InputError, Issue, one_of
 from posture_opt.files import located
 from posture_opt.model.arm import Arm
 from posture_opt.model.arm_state import REFERENCE_TEMPERATURE, ArmState, Inputs
 from posture_opt.model.effects import CatalogueEntry, Effect, NoiseEffect
-from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.tasks import Task
 from posture_opt.uncertainty.sources import Sources, covariance_issues
@@ -28,7 +27,10 @@ def arm_with(robot: Robot, effects: tuple[CatalogueEntry, ...], task: Task | Non
     for index, effect in enumerate(effects):
         try:
             effect.check_robot(robot)
-            _check_masses(robot, effect)
+            asked = isinstance(effect, Effect) and "masses" in effect.asks
+            if asked and not ArmState(robot, [0.0] * robot.n).weighed:
+                message = "masses or centres of mass of some links are not stated"
+                raise BadValueError(message, "add mass and com to the joints")
         except BadValueError as error:
             issues.append(error.issue(("effects", index), effect.kind))
     names = [effect.name for effect in effects]
@@ -49,26 +51,21 @@ def effect_sources(
     arm: Arm, effects: tuple[Effect, ...], folder: Path, attached: Mapping[str, str], read: str | None
 ) -> Sources:
     """The covariances of the effects' parameters, from the files that the effects name."""
-    found = Sources()
-    files = dict.fromkeys(e.covariance for e in effects if e.covariance and e.covariance != read)
-    for file in files:
-        assert file is not None
-        index = next(k for k, effect in enumerate(effects) if effect.covariance == file)
-        names, covariance = _read(arm, (folder, file), attached.get(file), ("effects", index, "covariance"))
-        issues = covariance_issues(names, covariance)
-        if issues:
-            raise InputError([replace(issue, key=("effects", index, "covariance"), value=file) for issue in issues])
-        found = found.plus(Sources(names, (covariance + covariance.T) / 2))
-    return found
-
-
-def _read(arm: Arm, file: tuple[Path, str], text: str | None, key: KeyPath) -> tuple[tuple[str, ...], Array]:
-    """Names and covariance (k, k) of a file, in SI units by the dimension of each parameter."""
     dimensions = {name: "length" if f.kind == "translate" else "angle" for name, f in arm.robot.parameters.items()}
-    try:
-        return read_covariance(located(*file), {**dimensions, **arm.dimensions}, text)
-    except InputError as error:
-        raise InputError([i if i.file else replace(i, key=key, value=file[1]) for i in error.issues]) from None
+    found, done = Sources(), {read}
+    for index, file in enumerate(effect.covariance for effect in effects):
+        if not file or file in done:
+            continue
+        done.add(file)
+        try:
+            names, C = read_covariance(located(folder, file), {**dimensions, **arm.dimensions}, attached.get(file))
+            if issues := covariance_issues(names, C):
+                raise InputError(issues)
+        except InputError as error:
+            key = ("effects", index, "covariance")
+            raise InputError([i if i.file else replace(i, key=key, value=file) for i in error.issues]) from None
+        found = found.plus(Sources(names, (C + C.T) / 2))
+    return found
 
 
 def noisy_sources(sources: Sources, robot: Robot, effects: Sequence[CatalogueEntry]) -> Sources:
@@ -140,13 +137,6 @@ def _task_issues(robot: Robot, task: Task | None) -> list[Issue]:
                 issues.append(error.issue(("task", place, index), term.kind))
             said |= dict.fromkeys(term.subjects, index)
     return issues
-
-
-def _check_masses(robot: Robot, effect: CatalogueEntry) -> None:
-    asked = any("masses" in moving.asks for moving in moving_effects([effect]))
-    if asked and not ArmState(robot, [0.0] * robot.n).weighed:
-        message = "masses or centres of mass of some links are not stated"
-        raise BadValueError(message, "add mass and com to the joints")
 
 
 def _inputs(robot: Robot, task: Task | None) -> Inputs:

@@ -57,7 +57,9 @@ class ProblemSpec(Spec):
 
 def read_sections(data: Mapping[str, Plain]) -> ProblemSpec:
     """What the sections of a file say."""
-    few = _reader_of(data)
+    tasks = _classes([task] if (task := data.get("task")) else [], task_class)
+    effects = _classes(data.get("effects") or (), effect_class)
+    few = None if tasks is None or effects is None else _reader(tasks, effects)
     try:
         found = (few or whole_schema()).model_validate(data)
     except ValidationError:
@@ -66,12 +68,6 @@ def read_sections(data: Mapping[str, Plain]) -> ProblemSpec:
         found = whole_schema().model_validate(data)  # its errors say which other kinds there are
     said = {name: getattr(found, name) for name in ProblemSpec.model_fields}
     return ProblemSpec.model_construct(found.model_fields_set, **said)
-
-
-def _reader_of(data: Mapping[str, Plain]) -> type[ProblemSpec] | None:
-    tasks = _classes([task] if (task := data.get("task")) else [], task_class)
-    effects = _classes(data.get("effects") or (), effect_class)
-    return None if tasks is None or effects is None else _reader(tasks, effects)
 
 
 def _classes(entries: Plain, class_of: Callable[[str], type[Spec] | None]) -> tuple[type[Spec], ...] | None:

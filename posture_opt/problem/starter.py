@@ -203,18 +203,13 @@ def _section(spec: UrdfRobot, robot: Robot, file: str) -> str:
     if tip.others:
         others = listed(tip.others, 8)
         remarks.append(f"the chain could also end at {others}: write it there, or --tip-link LINK")
-    remarks += [line for line in _remarks(robot) if line not in tip.notes()]
-    return "\n".join(f"  {line}" for line in (*links, *(f"# {one_line(line)}" for line in remarks)))
-
-
-def _remarks(robot: Robot) -> Iterator[str]:
-    yield "joints of the chain, with the limits of the URDF:"
+    remarks.append("joints of the chain, with the limits of the URDF:")
     width = max(map(len, robot.joint_names))
     for joint in robot.joints:
         lower, upper = joint_text(joint.lower, joint.unit), joint_text(joint.upper, joint.unit)
-        yield f"  {joint.name:{width}}  {joint.type}, {lower} to {upper}"
-    yield from robot.notes
-    bare = [joint.name for joint in robot.joints if not math.isfinite(joint.mass)]
-    if bare:
-        yield f"no <inertial> behind {', '.join(bare)}: effects of gravity need masses, all else does not"
-    yield from robot.shape_notes
+        remarks.append(f"  {joint.name:{width}}  {joint.type}, {lower} to {upper}")
+    remarks += [note for note in robot.notes if note not in tip.notes()]
+    if bare := [joint.name for joint in robot.joints if not math.isfinite(joint.mass)]:
+        remarks.append(f"no <inertial> behind {', '.join(bare)}: effects of gravity need masses, all else does not")
+    remarks += robot.shape_notes
+    return "\n".join(f"  {line}" for line in (*links, *(f"# {one_line(line)}" for line in remarks)))

@@ -77,20 +77,17 @@ for _tag, _pattern, _first in (
 def read_yaml(path: str | Path) -> ProblemDocument:
     """The document in a file."""
     path = Path(path)
-    return parse_yaml(_read_text(path), str(path))
-
-
-def _read_text(path: Path) -> str:
     try:
         found = named_content(path, MAX_YAML_BYTES)
     except InputError as error:
         raise InputError([replace(issue, hint=issue.hint or _STARTER_HINT) for issue in error.issues]) from None
     try:
-        return found.decode("utf-8-sig")
+        text = found.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = found[: error.start].count(b"\n") + 1
         message = f"not UTF-8 text (byte 0x{found[error.start]:02x})"
         raise InputError(Issue(message, hint="save the file as UTF-8", file=str(path), line=line)) from None
+    return parse_yaml(text, str(path))
 
 
 def parse_yaml(text: str, file: str = "") -> ProblemDocument:

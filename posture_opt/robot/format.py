@@ -229,7 +229,13 @@ class TableRobot(RobotFormat):
     def nominal(self, folder: Path) -> Robot:
         """The chain in numbers, its frames beside its bodies."""
         if self.file is not None:
-            joints = self._filed(folder, self.file)
+            rows = table_rows(folder, self.file)
+            try:
+                joints = type(self)(kind=self.kind, joints=rows).joints  # type: ignore[attr-defined, call-arg]
+            except ValidationError as error:
+                found = error.errors(include_url=False)
+                issues = [Issue(e["msg"].removeprefix("Value error, "), e["loc"], file=self.file) for e in found]
+                raise InputError(issues) from None
             return self.model_copy(update={"joints": joints, "file": None}).nominal(folder)
         links = tuple(self.row(joint, index) for index, joint in enumerate(self.joints))
         return self.assemble(
@@ -239,15 +245,6 @@ class TableRobot(RobotFormat):
     def placed(self, links: tuple[tuple[Factor, ...], ...]) -> tuple[tuple[Factor, ...], ...]:
         """The links of the table from frames that stand beside the arm."""
         return links
-
-    def _filed(self, folder: Path, file: str) -> tuple[JointSpec, ...]:
-        rows = table_rows(folder, file)
-        try:
-            return type(self)(kind=self.kind, joints=rows).joints  # type: ignore[attr-defined, call-arg]
-        except ValidationError as error:
-            found = error.errors(include_url=False)
-            issues = [Issue(e["msg"].removeprefix("Value error, "), e["loc"], file=file) for e in found]
-            raise InputError(issues) from None
 
     @staticmethod
     @abstractmethod

@@ -54,9 +54,7 @@ class UrdfChain:
         end = np.linalg.inv(segments[-1].T_child_end).astype(np.float64)
         if not replaces_shape(section.shape):
             own = _own_shape(tree, path[0].parent, segments, end, file)
-            robot = replace(
-                robot, shape=own.capsules, shape_notes=own.notes, unshaped=own.unshaped, bare_joints=own.bare
-            )
+            robot = replace(robot, **own._asdict())
         robot = with_velocities(shaped(robot, section.shape, end), section.velocity)
         ends = path[0].parent, path[-1].child
         sources = (("file", self.file), ("base_link", ends[0]), ("tip_link", ends[1]))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -36,12 +36,12 @@ class Carried:
 
 
 class UrdfShape(NamedTuple):
-    """The shape that a URDF states."""
+    """The shape that a URDF states, as a `Robot` has it."""
 
-    capsules: tuple[Capsule, ...]  # [m], in the frame behind each joint
-    notes: tuple[str, ...]  # one for each reason why a shape is missing
-    unshaped: tuple[str, ...]  # names of the links that have none; bare the joints that carry them
-    bare: tuple[str, ...]
+    shape: tuple[Capsule, ...]  # [m], in the frame behind each joint
+    shape_notes: tuple[str, ...]  # one for each reason why a shape is missing
+    unshaped: tuple[str, ...]  # names of the links that have none; bare_joints those that carry them
+    bare_joints: tuple[str, ...]
 
 
 def urdf_shape(tree: UrdfTree, carried: Sequence[Carried], file: Path) -> UrdfShape:
@@ -208,15 +208,14 @@ def fitted_capsules(body: Edges, joint: str, most: int = 3) -> tuple[Capsule, ..
     if most == 1:
         return tuple(one)
     longest = max(_main_axes(ends), key=lambda axis: float(np.ptp(ends @ axis)))
+
+    def cost(capsules: Sequence[Capsule]) -> float:
+        return sum(capsule.volume for capsule in capsules) * VOLUME_FACTOR ** len(capsules)
+
     # Slices of a body along its longest axis: 9 leave 36 ways to cut it into at most three runs.
     runs = _cheapest_runs(body.slices(longest, 9), most)
-    return tuple(min(one, [smallest_capsule(points, joint) for points in runs], key=_total_cost))
-
-
-def _total_cost(capsules: Iterable[Capsule]) -> float:
-    """``Σ V · VOLUME_FACTOR^k`` of k capsules [m³]."""
-    volumes = [capsule.volume for capsule in capsules]
-    return sum(volumes) * VOLUME_FACTOR ** len(volumes)
+    best = min(one, [smallest_capsule(points, joint) for points in runs], key=cost)
+    return tuple(best)
 
 
 def _cheapest_runs(slices: list[Array], most: int) -> list[Array]:
