@@ -60,12 +60,6 @@ def robot_world_hand_eye(A: Array, B: Array, points: Array, on_tool: bool) -> tu
     return solutions[best]
 
 
-def mean_pose(T: Array) -> Array:
-    """The pose (4, 4) in the middle of poses (n, 4, 4): medians of the entries, its rotation made one."""
-    middle = np.median(T, axis=0)
-    return rigid(nearest_rotation(middle[:3, :3]), middle[:3, 3])
-
-
 def camera_of_moving_points(R: Array, p: Array, rays: Array, marker: Codes) -> Array | None:
     """T_camera_mount (4, 4) by markers of the carrier that nobody knows; None where pictures are too few."""
     # ``x × (P (p + R m) + t) = 0`` with the ray x is linear in P, t and the products of P with the coordinates of the
@@ -287,4 +281,5 @@ class Pictures:
         if not len(A):
             name = self.bodies.names[body]
             raise BadValueError(f"no picture shows four points of the board '{name}'", "leave out its rows")
-        return mean_pose(np.linalg.inv(cameras[most] @ B) @ A)
+        middle = np.median(np.linalg.inv(cameras[most] @ B) @ A, axis=0)
+        return rigid(nearest_rotation(middle[:3, :3]), middle[:3, 3])

@@ -12,7 +12,7 @@ from posture_opt.measurements.columns import AXES, LABELS, CellKind, Column
 from posture_opt.measurements.data_section import NOTHING_STATED, DataSpec
 from posture_opt.measurements.kinds import KINDS, Position
 from posture_opt.measurements.kinds.pose import ORIENTATION_GROUPS
-from posture_opt.measurements.layout import BRACKETED_HEADER, ROUND_HEADER
+from posture_opt.measurements.layout import ROUND_HEADER, name_and_unit
 from posture_opt.measurements.orientation_columns import (
     incomplete_orientation,
     orientation_names,
@@ -64,17 +64,13 @@ def column_kinds(robot: Robot, spec: DataSpec = NOTHING_STATED) -> dict[str, Cel
 def data_issues(spec: DataSpec, robot: Robot) -> list[Issue]:
     """Columns that the section ``data`` speaks of and that no file of this robot has; keys relative to the section."""
     known = column_kinds(robot, spec)
+    columns, joints = ("no file of this robot has such a column", known), ("no such joint", robot.joint_names)
+    keys = {"columns": columns, "units": columns, "joint_zeros": joints, "joint_signs": joints}
     issues = [
-        Issue("no file of this robot has such a column", (key, name), name, one_of(name, known, "known"))
-        for key, given in (("columns", spec.columns), ("units", spec.units))
-        for name in given
-        if name not in known
-    ]
-    issues += [
-        Issue("no such joint", (key, name), name, one_of(name, robot.joint_names, "known"))
-        for key, given in (("joint_zeros", spec.joint_zeros), ("joint_signs", spec.joint_signs))
-        for name in given
-        if name not in robot.joint_names
+        Issue(message, (key, name), name, one_of(name, names, "known"))
+        for key, (message, names) in keys.items()
+        for name in getattr(spec, key)
+        if name not in names
     ]
     for joint in robot.joints:
         turns = joint.type == "revolute"
@@ -219,13 +215,13 @@ def _counted(found: list[tuple[str, str]], robot: Robot) -> list[tuple[str, str]
 
 
 def _named_columns(titles: Sequence[str], spec: DataSpec, line: int, faults: Faults) -> list[tuple[str, str]]:
-    found = [_split_brackets(title) for title in titles]
+    found = [*map(name_and_unit, titles)]
     for name, wanted in spec.columns.items():
         at = _matching_columns(titles, wanted)
         if len(at) == 1:
             # Another column of that name is not meant.
             found = [(f"{name} of the file", unit) if other == name else (other, unit) for other, unit in found]
-            unit = _split_brackets(titles[at[0]])[1] or _split_round(titles[at[0]])[1]
+            unit = name_and_unit(titles[at[0]])[1] or _split_round(titles[at[0]])[1]
             found[at[0]] = (name, _UNIT_ABBREVIATIONS.get(unit.lower().removesuffix("s"), unit))
         elif at:
             which = listed(str(k + 1) for k in at)
@@ -246,14 +242,8 @@ def _matching_columns(titles: Sequence[str], wanted: str | int) -> list[int]:
         return [wanted - 1] if wanted <= len(titles) else []
     plain = wanted.strip()
     whole = [k for k, title in enumerate(titles) if title.strip() == plain]
-    names = [(_split_brackets(title)[0], _split_round(title)[0]) for title in titles]
+    names = [(name_and_unit(title)[0], _split_round(title)[0]) for title in titles]
     return whole or [k for k, own in enumerate(names) if plain in own]
-
-
-def _split_brackets(title: str) -> tuple[str, str]:
-    """Name and unit of a header such as ``joint1 [deg]``; no unit where there are no brackets."""
-    match = BRACKETED_HEADER.match(title)
-    return (match["name"], (match["unit"] or "").strip()) if match else (title.strip(), "")
 
 
 def _split_round(title: str) -> tuple[str, str]:

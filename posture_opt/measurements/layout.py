@@ -19,7 +19,7 @@ _UNIT_WORDS = {
 # A number with any marks, or NaN
 _NUMBER_PATTERN = re.compile(r"[-+]?[\d.,' ]*\d[\d.,' ]*(?:[eE][-+]?\d+)?|nan", re.IGNORECASE)
 # ``name [unit]``, the unit optional
-BRACKETED_HEADER = re.compile(r"^\s*(?P<name>[^\[\]]*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*$")
+_BRACKETED_HEADER = re.compile(r"^\s*(?P<name>[^\[\]]*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*$")
 # ``name (unit)``, as some instruments write it
 ROUND_HEADER = re.compile(r"^\s*(?P<name>.*?)\s*\((?P<unit>[^()]*)\)\s*$")
 
@@ -62,10 +62,10 @@ def split_cells(text: str, separator: str) -> list[str]:
     return [*map(unguarded, next(csv.reader([text], delimiter=separator, skipinitialspace=True), []))]
 
 
-def name_of(title: str) -> str:
-    """A column header without its unit in brackets."""
-    match = BRACKETED_HEADER.match(title)
-    return match["name"] if match else title.strip()
+def name_and_unit(title: str) -> tuple[str, str]:
+    """Name and unit of a header such as ``joint1 [deg]``; no unit where there are no brackets."""
+    match = _BRACKETED_HEADER.match(title)
+    return (match["name"], (match["unit"] or "").strip()) if match else (title.strip(), "")
 
 
 def is_number(cell: str) -> bool:
@@ -77,7 +77,7 @@ def _laid_out(
     sample: Sequence[TextLine], separator: str, known: Collection[str], numbered: bool
 ) -> tuple[tuple[int, int, int], Layout]:
     rows = [(line, split_cells(line.text if line.comment is None else line.comment, separator)) for line in sample]
-    scores = [sum(cell.strip() in known or name_of(cell) in known for cell in cells) for _, cells in rows]
+    scores = [sum(cell.strip() in known or name_and_unit(cell)[0] in known for cell in cells) for _, cells in rows]
     plain = [k for k, (line, _) in enumerate(rows) if line.comment is None]
     filled = [[cell for cell in rows[k][1] if cell.strip()] for k in plain]
     numeric = [bool(cells) and sum(map(is_number, cells)) * 2 >= len(cells) for cells in filled]

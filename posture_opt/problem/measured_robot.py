@@ -46,11 +46,9 @@ def problem_of_measured_robot(
     if freedom >= MIN_FREEDOM:
         stated["measurement"] = {"position": f"{number(sigma * 1e3, 2)} mm", "degrees_of_freedom": freedom}
     problem = problem_from_dict({**document, **({"uncertainty": stated} if stated else {})})
-    if freedom < MIN_FREEDOM:
-        return _introduced(problem, "", measured.touches)
-    size = f"{number(sigma * 1e3, 2)} mm"
-    scatter = f"is the scatter of repeats ({freedom} degrees of freedom), the arm's included"
-    return _introduced(problem, f"σ of the instrument, {size}, {scatter}", measured.touches)
+    origin = f"is the scatter of repeats ({freedom} degrees of freedom), the arm's included"
+    scatter = f"σ of the instrument, {number(sigma * 1e3, 2)} mm, {origin}" if freedom >= MIN_FREEDOM else ""
+    return _introduced(problem, scatter, measured.touches)
 
 
 def _introduced(problem: Problem, scatter: str, touches: bool) -> Problem:

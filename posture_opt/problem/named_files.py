@@ -18,7 +18,7 @@ from posture_opt.measurements.camera_section import Intrinsics
 from posture_opt.measurements.columns import NumberText
 from posture_opt.measurements.data_section import DataSpec
 from posture_opt.measurements.kinds import PairSpec
-from posture_opt.measurements.layout import BRACKETED_HEADER
+from posture_opt.measurements.layout import name_and_unit
 from posture_opt.measurements.measurements import reach
 from posture_opt.measurements.table import Faults, RawTable, open_table
 from posture_opt.numerics import Array
@@ -120,7 +120,7 @@ def _numbers(found: Mapping[str, Any], *names: str) -> list[float]:
 def read_points(path: Path) -> dict[str, tuple[float, float, float]]:
     """Where the markers of a board are on it [m], from ``marker, x [mm], y [mm], z [mm]``; z may be left out."""
     raw = open_table(path, ("marker", *_POINT))
-    columns = {name: (index, unit) for index, (name, unit) in enumerate(map(_name_and_unit, raw.titles))}
+    columns = {name: (index, unit) for index, (name, unit) in enumerate(map(name_and_unit, raw.titles))}
     if not {"marker", "x", "y"} <= set(columns):
         raw.faults.stop("the header does not fit", "marker, x [mm], y [mm], z [mm]", raw.line)
     factors = {axis: _factor(axis, columns[axis][1], raw) for axis in _POINT if axis in columns}
@@ -139,11 +139,6 @@ def read_points(path: Path) -> dict[str, tuple[float, float, float]]:
             found[name] = (x, y, z)
     raw.faults.refuse()
     return found
-
-
-def _name_and_unit(title: str) -> tuple[str, str]:
-    match = BRACKETED_HEADER.match(title)
-    return (match["name"].strip(), (match["unit"] or "").strip()) if match else (title.strip(), "")
 
 
 def with_path(task: Task | None, folder: Path) -> Task | None:
@@ -190,13 +185,24 @@ def _read(raw: RawTable) -> tuple[Vectors, Vectors | None]:
     points, axes = (
         np.column_stack([by_name.get(name, np.zeros(len(rows))) for name in names]) for names in (_POINT, _AXIS)
     )
-    _check(points, axes if "dx" in columns else None, lines, raw)
-    return _tuples(points), _tuples(axes) if "dx" in columns else None
+    faults, path = raw.faults, _tuples(points)
+    faults.refuse()
+    if len(path) < 2:
+        faults.stop(f"a path has at least two points, {len(path)} given", "add rows", raw.line + len(path))
+    for k in repeated(path):
+        faults.add(f"the point of line {lines[k]} again", hint="leave out one of the two rows", line=lines[k + 1])
+    if "dx" not in columns:
+        faults.refuse()
+        return path, None
+    for k in map(int, np.flatnonzero(np.linalg.norm(axes, axis=1) < 1e-12)):
+        faults.add("dx, dy, dz of length zero point nowhere", "dx", hint="write for example 0, 0, -1", line=lines[k])
+    faults.refuse()
+    return path, _tuples(axes)
 
 
 def _columns(raw: RawTable) -> dict[str, tuple[int, float]]:
     found: dict[str, tuple[int, float]] = {}
-    for index, (name, unit) in enumerate(map(_name_and_unit, raw.titles)):
+    for index, (name, unit) in enumerate(map(name_and_unit, raw.titles)):
         if name not in (*_POINT, *_AXIS):
             near = nearest(name, (*_POINT, *_AXIS))
             hint = f"did you mean '{near}'?" if near else "a path has x [mm], y [mm], z [mm] and optionally dx, dy, dz"
@@ -238,19 +244,6 @@ def _number(cell: str, name: str, line: int, faults: Faults, factor: float) -> f
     fault = "this is not plausible" if np.isfinite(value) else "this is not a finite number"
     faults.add(fault, name, cell, "write a number like 12.5", line)
     return np.nan
-
-
-def _check(points: Array, axes: Array | None, lines: list[int], raw: RawTable) -> None:
-    # points: (N, 3) [m]; ``axes`` (N, 3) or None; ``lines`` of the file that they are in
-    faults = raw.faults
-    faults.refuse()
-    if len(points) < 2:
-        faults.stop(f"a path has at least two points, {len(points)} given", "add rows", raw.line + len(points))
-    for k in repeated(_tuples(points)):
-        faults.add(f"the point of line {lines[k]} again", hint="leave out one of the two rows", line=lines[k + 1])
-    for k in np.flatnonzero(np.linalg.norm(axes, axis=1) < 1e-12).tolist() if axes is not None else ():
-        faults.add("dx, dy, dz of length zero point nowhere", "dx", hint="write for example 0, 0, -1", line=lines[k])
-    faults.refuse()
 
 
 def _tuples(rows: Array) -> Vectors:

@@ -64,7 +64,12 @@ class Readable:
         keys = [issue.key for issue in found if issue.key]
         left = copy.deepcopy(dict(data))
         entries = {key: path for key in keys for path in _SEPARABLE_LISTS if _is_entry(key, path)}
-        kept = {path: _thinned(left, path, keys) for path in dict.fromkeys(entries.values())}
+        kept: dict[KeyPath, tuple[int, ...]] = {}
+        for path in dict.fromkeys(entries.values()):
+            owner, bad = entry_at(left, path[:-1]), {key[len(path)] for key in keys if _is_entry(key, path)}
+            rows = owner[path[-1]]
+            kept[path] = tuple(k for k in range(len(rows)) if k not in bad)
+            owner[path[-1]] = [rows[k] for k in kept[path]]
         for key in keys:
             if key not in entries:
                 _left_out(left, key)
@@ -87,16 +92,6 @@ class Readable:
 
 def _is_entry(key: KeyPath, path: KeyPath) -> bool:
     return len(key) > len(path) and key[: len(path)] == path and isinstance(key[len(path)], int)
-
-
-def _thinned(data: Section, path: KeyPath, keys: Iterable[KeyPath]) -> tuple[int, ...]:
-    bad = {key[len(path)] for key in keys if _is_entry(key, path)}
-    owner: Plain = data
-    for part in path[:-1]:
-        owner = owner[part]
-    numbers = tuple(k for k in range(len(owner[path[-1]])) if k not in bad)
-    owner[path[-1]] = [owner[path[-1]][k] for k in numbers]
-    return numbers
 
 
 def _left_out(data: Section, key: KeyPath) -> None:

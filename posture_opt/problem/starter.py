@@ -6,6 +6,7 @@ import math
 import os
 import string
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from posture_opt.measurements.measurements import nominal_poses
 from posture_opt.model.arm import Arm
 from posture_opt.numerics import Array, Mask
 from posture_opt.problem.load import problem_from_dict
-from posture_opt.problem.yaml_source import dump_scalar, parse_yaml
+from posture_opt.problem.yaml_source import dump_flow, parse_yaml
 from posture_opt.robot import load_preset
 from posture_opt.robot.preset import calibrated_presets
 from posture_opt.robot.robot import Robot
@@ -68,7 +69,7 @@ def starter_text(preset: str, file: str = "") -> str:
     # The arm of a SCARA stays at its height and its quill has to go below it; a planar arm lies in its table.
     above = turns and not is_planar(robot)
     target = StarterTarget(sensible_direction(robot), (x * stretched, y * stretched, height), above)
-    named = f"  file: {dump_scalar(file)}\n" if file else ""
+    named = f"  file: {dump_flow(file)}\n" if file else ""
     section = f"  kind: preset\n  name: {preset}\n{named}  # joints: {', '.join(robot.joint_names)}"
     return filled_starter(robot, section, target)
 
@@ -92,7 +93,7 @@ def filled_starter(robot: Robot, section: str, target: StarterTarget) -> str:
     position = f"position: {_point([x, y, z])}"
     above = "    - {kind: link_height, at_least: 50 mm}      # elbow and wrist stay above the table: world z\n"
     return _STARTER_TEMPLATE.substitute(
-        title=dump_scalar(f"Insertion with the {robot.name}"),
+        title=dump_flow(f"Insertion with the {robot.name}"),
         robot=section,
         uncertainty=_uncertainty(robot),
         direction=target.direction,
@@ -111,15 +112,15 @@ def sensible_direction(robot: Robot) -> str:
 def _uncertainty(robot: Robot) -> str:
     sigma_of = {"revolute": ("theta", "0.02 deg"), "prismatic": ("d", "0.01 mm")}
     own = [f"{joint.name}.{sigma_of[joint.type][0]}" for joint in robot.joints]
-    values = [f"{dump_scalar(name)}: {sigma_of[joint.type][1]}" for name, joint in zip(own, robot.joints, strict=True)]
+    values = [f"{dump_flow(name)}: {sigma_of[joint.type][1]}" for name, joint in zip(own, robot.joints, strict=True)]
     first, second, *_ = dict.fromkeys([*own, *robot.parameters])  # a robot may have one joint
     if robot.repeatability is None:
         sigma = "\n".join(f"    {value}" for value in values)
-        return _SIGMA_TEMPLATE.substitute(sigma=sigma, first=dump_scalar(first), second=dump_scalar(second))
+        return _SIGMA_TEMPLATE.substitute(sigma=sigma, first=dump_flow(first), second=dump_flow(second))
     sigma = "\n".join(f"  #   {value}" for value in values)
     value, source = f"{robot.repeatability.value * 1e3:g} mm", " ".join(robot.repeatability.source.split())
     return _REPEATABILITY_TEMPLATE.substitute(
-        sigma=sigma, first=dump_scalar(first), second=dump_scalar(second), value=value, source=source
+        sigma=sigma, first=dump_flow(first), second=dump_flow(second), value=value, source=source
     )
 
 
@@ -149,17 +150,11 @@ def urdf_starter_text(file: Path, base_link: str | None, tip_link: str | None, f
     section = _section(spec, robot, str(file) if file.is_absolute() else Path(os.path.relpath(file, folder)).as_posix())
     solved = _section(spec, robot, str(file.absolute()))
     for target in _targets(robot):
-        if _solves(filled_starter(robot, solved, target)):
-            return filled_starter(robot, section, target)
+        problem = problem_from_dict(parse_yaml(filled_starter(robot, solved, target)).data)
+        with suppress(InputError):  # the arm cannot be asked for this: no joint changes the height of its links, say
+            if PostureSelector(problem, compiled=False).feasible(4):
+                return filled_starter(robot, section, target)
     return filled_starter(robot, section, StarterTarget(sensible_direction(robot), None, False))
-
-
-def _solves(text: str) -> bool:
-    problem = problem_from_dict(parse_yaml(text).data)
-    try:
-        return PostureSelector(problem, compiled=False).feasible(4)
-    except InputError:  # the arm cannot be asked for this: no joint changes the height of its links, say
-        return False
 
 
 def _targets(robot: Robot) -> Iterator[StarterTarget]:
@@ -191,9 +186,9 @@ def _section(spec: UrdfRobot, robot: Robot, file: str) -> str:
     source = dict(robot.sources)
     links = [
         "kind: urdf",
-        f"file: {dump_scalar(file)}",
-        f"base_link: {dump_scalar(source['base_link'])}",
-        f"tip_link: {dump_scalar(source['tip_link'])}      # the tool point is its origin, unless tool: says otherwise",
+        f"file: {dump_flow(file)}",
+        f"base_link: {dump_flow(source['base_link'])}",
+        f"tip_link: {dump_flow(source['tip_link'])}      # the tool point is its origin, unless tool: says otherwise",
     ]
     tip = spec.chosen_tip(Path())
     remarks = [

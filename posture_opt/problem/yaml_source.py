@@ -253,14 +253,9 @@ def dump_yaml(data: Section) -> str:
 
 
 def dump_flow(data: Plain) -> str:
-    """Data as YAML in one line."""
+    """Data as YAML in one line; texts in quotes where they need them."""
     text = yaml.dump(data, Dumper=_Dumper, sort_keys=False, allow_unicode=True, default_flow_style=True, width=math.inf)
     return text.removesuffix("\n").removesuffix("\n...")
-
-
-def dump_scalar(text: str) -> str:
-    """A text as a YAML scalar in one line, in quotes where it needs them."""
-    return yaml.dump(text, Dumper=_Dumper, allow_unicode=True, width=math.inf).removesuffix("\n").removesuffix("\n...")
 
 
 def dump_texts(texts: Sequence[str]) -> str:
