@@ -139,7 +139,7 @@ class Cells:
 
     def number(self, name: str) -> Array | None:
         """(N,) the values of a column in SI units; ``None`` where there is none."""
-        return np.concatenate(self.numbers[name]) if name in self.numbers else None
+        return self.present(name) if name in self.numbers else None
 
     def present(self, name: str) -> Array:
         """(N,) the values of a column that the header was checked for, in SI units; NaN where a cell is empty."""

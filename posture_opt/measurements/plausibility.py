@@ -136,8 +136,15 @@ def plausibility_checks(
     robot, rows = problem.robot, sample_rows(data)
     if data.position is None and not data.touches:
         return [], None
-    if data.position is not None and _far_off(data, data.position[:, data.measured_axes], robot, faults):
-        return [], None
+    if data.position is not None:
+        position, size = data.position[:, data.measured_axes], max(reach(robot), 1.0)
+        off = np.linalg.norm(position - np.median(position, axis=0), axis=1)
+        far = np.flatnonzero(off > 1e4 * size)  # a wrong unit makes a thousand of one
+        for row in map(int, far):
+            message = f"the point lies {off[row]:.3g} m from the middle of all, and the arm is {size:.3g} m long"
+            faults.add(message, hint="leave out the row", line=int(data.line[row]))
+        if len(far):
+            return [], None
     better = _better_reading(data, problem, columns, turned)
     if better is not None and not better.usable:
         for k, one in enumerate((better.reading, *better.alike)):
@@ -178,16 +185,6 @@ def _better_reading(
         return [*found, *axis_readings([axis for axis in AXES if axis in columns], robot.base_free)]
 
     return better_reading(sample, problem.arm, readings)
-
-
-def _far_off(data: Measurements, position: Array, robot: Robot, faults: Faults) -> bool:
-    size = max(reach(robot), 1.0)
-    off = np.linalg.norm(position - np.median(position, axis=0), axis=1)
-    far = np.flatnonzero(off > 1e4 * size)  # a wrong unit makes a thousand of one
-    for row in map(int, far):
-        message = f"the point lies {off[row]:.3g} m from the middle of all, and the arm is {size:.3g} m long"
-        faults.add(message, hint="leave out the row", line=int(data.line[row]))
-    return bool(len(far))
 
 
 def _motion_scale(found: AffineFit) -> float | None:

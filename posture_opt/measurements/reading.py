@@ -192,7 +192,12 @@ def _approach_sides(
 ) -> tuple[Array, Array, bool]:  # fmt: skip
     """Side and length (N, n) of the last moves, and whether the file states any side: what it states counts."""
     side, length = np.zeros_like(q), np.zeros_like(q)
-    side[order], length[order] = _derived_approach(q[order], robots[order])
+    for code in np.unique(robots):
+        rows = order[robots[order] == code]
+        step = np.diff(q[rows], axis=0, prepend=q[rows[:1]])
+        last = np.maximum.accumulate(np.where(step != 0, np.arange(len(rows))[:, None], 0), axis=0)
+        move = np.take_along_axis(step, last, axis=0)
+        side[rows], length[rows] = np.sign(move), np.abs(move)
     given = {j: name for j, joint in enumerate(robot.joint_names) if (name := f"{joint}.approach") in cells.numbers}
     for j, name in given.items():
         stated = cells.present(name)
@@ -229,20 +234,6 @@ def _measured_position(cells: Cells, q: Array, robot: Robot, faults: Faults) -> 
         else:
             faults.add(f"the column {axis} is missing, and this arm moves along {axis}", axis, hint=f"add {axis} [mm]")
     return position
-
-
-def _derived_approach(q: Array, robots: Codes) -> tuple[Array, Array]:
-    """Side and length (N, n), (N, n) [rad or m] of each joint's last move, from the row before of the same robot."""
-    # q: (N, n) commands [rad or m]; robots: (N,) code of the robot
-    side, length = np.zeros_like(q), np.zeros_like(q)
-    for code in np.unique(robots):
-        rows = np.flatnonzero(robots == code)
-        step = np.diff(q[rows], axis=0, prepend=q[rows[:1]])
-        last = np.where(step != 0, np.arange(len(rows))[:, None], 0)
-        last = np.maximum.accumulate(last, axis=0)
-        move = np.take_along_axis(step, last, axis=0)
-        side[rows], length[rows] = np.sign(move), np.abs(move)
-    return side, length
 
 
 def _check_limits(q: Array, robot: Robot, columns: dict[str, Column], line: Codes, faults: Faults) -> None:

@@ -152,8 +152,7 @@ class Problem(ProblemData):
             0.0003
         """
         data, keys = replaced_data(self.document, changes, self.robot)
-        found = build_problem(ProblemDocument(data), self.folder, self.name, attached=self.attached)
-        return replace(found, header=self.header, origin=self.origin, overridden=self.overridden | keys)
+        return replace(self._of(data), header=self.header, origin=self.origin, overridden=self.overridden | keys)
 
     def with_task_of(self, other: Problem) -> Problem:
         """The same arm in the same cell with the task of another problem, whose path stays where it is.
@@ -193,8 +192,7 @@ class Problem(ProblemData):
         Raises:
             InputError: the section does not fit, or the uncertainty names parameters that this robot lacks.
         """
-        document = ProblemDocument({**self.document, "robot": dict(robot)})
-        return build_problem(document, self.folder, self.name, attached=self.attached)
+        return self._of({**self.document, "robot": dict(robot)})
 
     def with_sigma(self, sigma: Mapping[str, str]) -> Problem:
         """The same problem where nothing but these standard deviations is uncertain.
@@ -205,7 +203,9 @@ class Problem(ProblemData):
         Raises:
             InputError: unknown parameters, or values without their unit.
         """
-        document = {**self.document, "uncertainty": {"sigma": dict(sigma)}}
+        return self._of({**self.document, "uncertainty": {"sigma": dict(sigma)}})
+
+    def _of(self, document: Section) -> Problem:
         return build_problem(ProblemDocument(document), self.folder, self.name, attached=self.attached)
 
     def with_fit(self, fit: FittedArm | Calibration | Diagnosis) -> Problem:
@@ -225,10 +225,15 @@ class Problem(ProblemData):
         effects = fitted_effects(self.effects, fit)
         name = f"{self.name.removesuffix(f', {fit.label}')}, {fit.label}" if fit.label else self.name
         document = fitted_document(self.document, name, nominal, plain, effects, fit)
+        second_arms: dict[str, Problem] = {}
+        for second, own in fit.second_arms.items():
+            known = self._second_arm(second)
+            sigma = zip(known.stated.names, map(float, np.sqrt(np.diag(known.stated.scatter))), strict=True)
+            second_arms[second] = known.with_fit(replace(own, scatter={name: s for name, s in sigma if s > 0}))
         found = replace(
             self, name=name, arm=arm_with(plain, effects, self.task), nominal=nominal, effects=effects,
             document=document, header=fit.header, origin=ProblemDocument(document), overridden=frozenset(),
-            second_arms={name: self._found_second_arm(name, own) for name, own in fit.second_arms.items()},
+            second_arms=second_arms,
         )  # fmt: skip
         return found if fit.known is None else found._with_known(fit.known, fit)
 
@@ -327,12 +332,6 @@ class Problem(ProblemData):
         part = (document.get("task") or {}).get("workpiece") or {}
         put(part, "file", f"{stem}_workpiece{Path(part.get('file') or '').suffix}")
         return {f"{stem}.yaml": commented(self.header, document).encode(), **further}
-
-    def _found_second_arm(self, name: str, fit: FittedArm) -> Problem:
-        problem = self._second_arm(name)
-        sigma = np.sqrt(np.diag(problem.stated.scatter))
-        scatter = {n: float(s) for n, s in zip(problem.stated.names, sigma, strict=True) if s > 0}
-        return problem.with_fit(replace(fit, scatter=scatter))
 
     def _second_arm(self, name: str) -> Problem:
         if name in self.second_arms:

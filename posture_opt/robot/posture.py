@@ -67,11 +67,11 @@ def joints_at_limits(robot: Robot, Q: Array) -> list[str]:
 def _values_by_name(robot: Robot, posture: Mapping[str, Any]) -> list[Any]:
     """(n,) values as given, in the order of the robot."""
     names = robot.joint_names
-    issues = []
-    for name in posture:
-        if name not in names:
-            hint = did_you_mean(str(name), names)
-            issues.append(Issue("the robot has no such joint", ("posture", str(name)), posture[name], hint))
+    issues = [
+        Issue("the robot has no such joint", ("posture", str(name)), given, did_you_mean(str(name), names))
+        for name, given in posture.items()
+        if name not in names
+    ]
     missing = [name for name in names if name not in posture]
     if missing:
         issues.append(Issue(f"no value for {', '.join(missing)}", ("posture",), hint="give every joint a value"))

@@ -60,7 +60,13 @@ class UrdfChain:
         sources = (("file", self.file), ("base_link", ends[0]), ("tip_link", ends[1]))
         description = UrdfDescription(content(file, MAX_URDF_BYTES), *ends)
         robot = replace(robot, sources=sources, notes=notes, description=description)
-        return robot if self.srdf is None else _with_srdf(robot, tree, path[0].parent, segments, self.folder, self.srdf)
+        if self.srdf is None:
+            return robot
+        found = read_srdf(self.folder, self.srdf, tree)
+        bodies = {BASE: ends[0], **{segment.moving.name: segment.moving.child for segment in segments}}
+        carried = {j: [name for name, _ in tree.rigid(link) if tree.collisions.get(name)] for j, link in bodies.items()}
+        allowed, postures = found.allowed_pairs(carried), found.postures(robot.joint_names)
+        return replace(robot, allowed_collisions=allowed, named_postures=postures)
 
     @cached_property
     def _path(self) -> Path:
@@ -177,16 +183,6 @@ def _motion_factors(joint: UrdfJoint, index: int) -> tuple[Factor, ...]:
         Factor("rotate", 1, -pitch),
         Factor("rotate", 2, -yaw),
     )
-
-
-def _with_srdf(
-    robot: Robot, tree: UrdfTree, base_link: str, segments: Sequence[ChainSegment], folder: Path, file: str
-) -> Robot:
-    found = read_srdf(folder, file, tree)
-    bodies = {BASE: base_link, **{segment.moving.name: segment.moving.child for segment in segments}}
-    carried = {j: [name for name, _ in tree.rigid(link) if tree.collisions.get(name)] for j, link in bodies.items()}
-    allowed, postures = found.allowed_pairs(carried), found.postures(robot.joint_names)
-    return replace(robot, allowed_collisions=allowed, named_postures=postures)
 
 
 def _own_shape(tree: UrdfTree, base_link: str, segments: Sequence[ChainSegment], end: Array, file: Path) -> UrdfShape:

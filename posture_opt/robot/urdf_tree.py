@@ -227,16 +227,15 @@ def _tip_options(tree: UrdfTree, base: str) -> list[str]:
     moving = [leaf for leaf in paths if leaf not in fixed]
     carriers = {leaf: [base, *(joint.parent for joint in tree.moving(base, leaf))][-1] for leaf in moving}
     between = [link for link in dict.fromkeys(carriers.values()) if link != base and link not in paths]
-    words = {link: _chain_words(tree.moving(base, link)) for link in (*paths, *between)}
-    for link in between:
-        words[link] += f", carries {', '.join(leaf for leaf in moving if carriers[leaf] == link)}"
+    words: dict[str, str] = {}
+    for link in (*paths, *between):
+        joints = tree.moving(base, link)
+        words[link] = f"{len(joints)} {'joint' if len(joints) == 1 else 'joints'}"
+        if mimics := [joint.name for joint in joints if joint.mimics]:
+            words[link] += f", not possible: {mimics[0]} mimics another"
+        if link in between:
+            words[link] += f", carries {', '.join(leaf for leaf in moving if carriers[leaf] == link)}"
     return [f"{link} ({words[link]})" for link in (*fixed, *between, *moving)]
-
-
-def _chain_words(moving: list[UrdfJoint]) -> str:
-    count = f"{len(moving)} {'joint' if len(moving) == 1 else 'joints'}"
-    mimics = [joint.name for joint in moving if joint.mimics]
-    return f"{count}, not possible: {mimics[0]} mimics another" if mimics else count
 
 
 @dataclass(frozen=True)
