@@ -160,13 +160,12 @@ class _Reader:
     def value(self, node: yaml.Node, key: KeyPath) -> Plain:
         """The plain value of ``node``, which is at ``key``."""
         self._nodes += 1
-        line = node.start_mark.line + 1
         if self._nodes > _MAX_NODES:
             message = f"the aliases (*name) of the file unfold to more than {_MAX_NODES} entries"
-            raise InputError(Issue(message, key[:1], hint="write the entries out", file=self.file, line=line))
+            raise InputError(self._issue(node, message, key[:1], "write the entries out"))
         if id(node) in self._open:
-            raise InputError(Issue("an alias (*name) contains itself", key[:1], None, "", self.file, line))
-        self.lines.setdefault(key, line)
+            raise InputError(self._issue(node, "an alias (*name) contains itself", key[:1]))
+        self.lines.setdefault(key, node.start_mark.line + 1)
         if isinstance(node, yaml.ScalarNode):
             return self._scalar(node, key)
         self._open.add(id(node))
@@ -177,22 +176,25 @@ class _Reader:
         finally:
             self._open.discard(id(node))
 
+    def _issue(self, node: yaml.Node, message: str, key: KeyPath, hint: str = "") -> Issue:
+        return Issue(message, key, None, hint, self.file, node.start_mark.line + 1)
+
     def _mapping(self, node: yaml.MappingNode, key: KeyPath) -> Section:
         """The entries of a mapping; its own keys take precedence over those that ``<<`` takes over."""
         data: Section = {}
         merged: Section = {}
         for name_node, child in node.value:
-            line = name_node.start_mark.line + 1
             if name_node.tag == "tag:yaml.org,2002:merge":
                 merged |= self._merged(child, key)
                 continue
-            name = self._name(name_node, key)
+            if not isinstance(name_node, yaml.ScalarNode) or not name_node.value:
+                raise InputError(self._issue(name_node, "a key is a text", key, "put texts with [ or { in quotes"))
+            name = str(name_node.value)  # as it is written: a joint may be called 1, on or no
             if name in data:
-                first = self.lines[(*key, name)]
-                message = f"the key is given twice, first in line {first}"
-                self.issues.append(Issue(message, (*key, name), None, "keep one of the two", self.file, line))
+                message = f"the key is given twice, first in line {self.lines[(*key, name)]}"
+                self.issues.append(self._issue(name_node, message, (*key, name), "keep one of the two"))
                 continue
-            self.lines[(*key, name)] = line
+            self.lines[(*key, name)] = name_node.start_mark.line + 1
             data[name] = self.value(child, (*key, name))
         return {**merged, **data}
 
@@ -201,16 +203,9 @@ class _Reader:
         value = self.value(node, key)
         parts = value if isinstance(value, list) else [value]
         if not all(isinstance(part, dict) for part in parts):
-            line = node.start_mark.line + 1
-            self.issues.append(Issue("'<<' takes over a mapping, nothing else", key, None, "", self.file, line))
+            self.issues.append(self._issue(node, "'<<' takes over a mapping, nothing else", key))
             return {}
         return {name: entry for part in reversed(parts) for name, entry in part.items()}
-
-    def _name(self, node: yaml.Node, key: KeyPath) -> str:
-        if isinstance(node, yaml.ScalarNode) and node.value:
-            return str(node.value)  # as it is written: a joint may be called 1, on or no
-        line = node.start_mark.line + 1
-        raise InputError(Issue("a key is a text", key, None, "put texts with [ or { in quotes", self.file, line))
 
     def _scalar(self, node: yaml.ScalarNode, key: KeyPath) -> Plain:
         text: str = node.value
@@ -229,8 +224,7 @@ class _Reader:
         if kind == "null":
             return None
         if kind not in ("str", "merge"):
-            line = node.start_mark.line + 1
-            self.issues.append(Issue(f"the tag {node.tag} is not used here", key, None, "remove it", self.file, line))
+            self.issues.append(self._issue(node, f"the tag {node.tag} is not used here", key, "remove it"))
         return text
 
 

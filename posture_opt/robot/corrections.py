@@ -121,9 +121,5 @@ def is_fitted(robot: Robot, name: str) -> bool:
 
 def geometry_behind_first_joint(robot: Robot) -> tuple[str, ...]:
     """Fitted parameters behind the value of the first joint: the base moves the arm like those before it."""
-    found = []
-    for factor in robot.factors[robot.driven[0] + 1 :]:
-        name = factor.parameter
-        if name and name.rpartition(".")[0] != "tool" and is_fitted(robot, name):
-            found.append(name)
-    return tuple(found)
+    behind = [factor.parameter for factor in robot.factors[robot.driven[0] + 1 :] if factor.parameter]
+    return tuple(name for name in behind if name.rpartition(".")[0] != "tool" and is_fitted(robot, name))

@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import combinations, product
 from pathlib import Path
 from typing import Literal
 
@@ -297,14 +298,11 @@ class Srdf:
     def allowed_pairs(self, carried: dict[str, list[str]]) -> frozenset[frozenset[str]]:
         """Pairs of joints of which no links are checked against each other, by the links with a shape that each
         carries."""
-        names = list(carried)
+        shaped = {joint: links for joint, links in carried.items() if links}
         return frozenset(
-            frozenset((a, b))
-            for k, a in enumerate(names)
-            for b in names[:k]
-            if carried[a]
-            and carried[b]
-            and all(frozenset((one, other)) in self.disabled for one in carried[a] for other in carried[b])
+            frozenset(pair)
+            for pair in combinations(shaped, 2)
+            if all(frozenset(links) in self.disabled for links in product(*(shaped[joint] for joint in pair)))
         )
 
     def postures(self, joints: tuple[str, ...]) -> tuple[tuple[str, tuple[tuple[str, float], ...]], ...]:

@@ -100,16 +100,12 @@ def _link_capsules(collisions: Sequence[Collision], file: Path) -> Iterator[Caps
 
 def _end_spheres(cylinder: Collision, balls: Sequence[Collision]) -> list[Collision]:
     radius, length = cylinder.size
-    found = []
+    found: list[Collision] = []
     for sign in (-1, 1):
         end = (cylinder.origin @ [0.0, 0.0, sign * length / 2, 1.0])[:3]
-        near = (
-            b
-            for b in balls
-            if abs(b.size[0] - radius) < _COINCIDENCE_M and np.linalg.norm(b.origin[:3, 3] - end) < _COINCIDENCE_M
-        )
-        found += [next(near, None)]
-    return [ball for ball in found if ball is not None] if None not in found else []
+        alike = [ball for ball in balls if abs(ball.size[0] - radius) < _COINCIDENCE_M]
+        found += [ball for ball in alike if np.linalg.norm(ball.origin[:3, 3] - end) < _COINCIDENCE_M][:1]
+    return found if len(found) == 2 else []
 
 
 def _axial_capsule(collision: Collision, radius: float, length: float) -> Capsule:
