@@ -17,7 +17,7 @@ from posture_opt.compensation.nearest_postures import Poses, pose_misses
 from posture_opt.compensation.targets import Targets
 from posture_opt.model.arm import Arm
 from posture_opt.model.arm_state import REFERENCE_TEMPERATURE, Inputs
-from posture_opt.numerics import Array, Json, Mask, rms
+from posture_opt.numerics import Array, Mask, rms
 from posture_opt.result import Result
 from posture_opt.robot.robot import Joint
 from posture_opt.selection.answer.other_postures import configurations
@@ -204,31 +204,31 @@ class Compensation(Result):
             rows.append([*([] if given else joints), *texts, off, left])
         return "".join(csv_line(row, targets.separator) + "\n" for row in rows)
 
-    def fields_json(self) -> dict[str, Json]:
+    def fields_json(self) -> dict[str, object]:
         """The document ``compensation.json``: SI units and radians."""
         return {
             "name": self.problem.name,
             "targets": [
                 {
-                    "line": int(self.targets.line[k]),
-                    "position": self.wanted.position[k].tolist(),
+                    "line": self.targets.line[k],
+                    "position": self.wanted.position[k],
                     "posture": posture,
-                    "reached": bool(self.reached[k]),
+                    "reached": self.reached[k],
                     "refused": self.reasons.get(k),
-                    "off": float(self.off[k]),
-                    "left": float(self.left[k]),
-                    "off_rotation": float(self.before.turned[k]) if self.oriented else None,
-                    "left_rotation": float(self.after.rms_turned[k]) if self.oriented else None,
+                    "off": self.off[k],
+                    "left": self.left[k],
+                    "off_rotation": self.before.turned[k] if self.oriented else None,
+                    "left_rotation": self.after.rms_turned[k] if self.oriented else None,
                 }
                 for k, posture in enumerate(self.postures)
             ],
             "off_rms": rms(self.off),
             "left_rms": rms(self.left),
-            "largest_joint_change": float(np.abs(self.q - self.near).max()),
+            "largest_joint_change": np.abs(self.q - self.near).max(),
             "configuration_changes": [change._asdict() for change in self.changes],
-            "clearance": None if self.clearance is None else self.clearance.to_json(),
-            "beyond_measured": [found.to_json() for found in self.problem.arm.beyond_measured(self.q)],
-            "notes": list(self.notes),
+            "clearance": self.clearance and self.clearance.to_json(),
+            "beyond_measured": self.problem.arm.beyond_measured(self.q),
+            "notes": self.notes,
         }
 
     @cached_property

@@ -11,9 +11,10 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from posture_opt import presenter_of
+from posture_opt.encoding import Encoded
 from posture_opt.errors import InputError, Issue, NoSolutionError, PostureOptError
 from posture_opt.limits import MOST_PROBLEM_FILES
-from posture_opt.numerics import Json, Progress, finite_or_none
+from posture_opt.numerics import Progress
 from posture_opt.result import Result
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.select_posture import select_posture
@@ -29,7 +30,10 @@ _FAILURES = {2: "with bad input", 3: "without a solution", 4: "with too few data
 
 
 @dataclass(frozen=True, eq=False)
-class BatchAnswer:
+class BatchAnswer(
+    Encoded,
+    json="name code status sigma_max worst_station success_probability reasons solution=document",
+):
     """What became of one problem.
 
     Args:
@@ -72,19 +76,6 @@ class BatchAnswer:
         value = self._solution.get("success_probability")
         return math.nan if value is None else float(value)
 
-    def to_json(self) -> dict[str, Json]:
-        """Plain data."""
-        return {
-            "name": self.name,
-            "code": self.code,
-            "status": self.status,
-            "sigma_max": finite_or_none(self.sigma_max),
-            "worst_station": self.worst_station,
-            "success_probability": finite_or_none(self.success_probability),
-            "reasons": list(self.reasons),
-            "solution": self.document,
-        }
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PostureBatch(Result):
@@ -122,13 +113,13 @@ class PostureBatch(Result):
             *(state(f"selection.batch-{end}", one.name, sigma=Quantity(one.sigma_max)) for end, one in ends.items()),
         )
 
-    def fields_json(self) -> dict[str, Json]:
+    def fields_json(self) -> dict[str, object]:
         """The document ``answers.json``: SI units, finite numbers only."""
         return {
             "problems": len(self.answers),
             "solved": len(self.solved),
             "code": self.code,
-            "answers": [answer.to_json() for answer in self.answers],
+            "answers": self.answers,
             "seconds": self.seconds,
         }
 

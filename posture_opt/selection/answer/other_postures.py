@@ -15,9 +15,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from posture_opt.encoding import Encoded
 from posture_opt.model.chain import Vector, factor_values, fixed_pose, stack, walk
 from posture_opt.model.compiled import BatchFunction
-from posture_opt.numerics import Array, Json, Mask
+from posture_opt.numerics import Array, Mask
 from posture_opt.robot.posture import Posture
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
@@ -205,15 +206,12 @@ def success_with_peg(problem: OptimisationProblem, q: Array, basis: Array, targe
 
 
 @dataclass(frozen=True)
-class ManipulablePosture:
+class ManipulablePosture(Encoded, json="posture manipulability sigma_max"):
     """A posture (joint name -> rad or m), its manipulability [m/rad] and its σ_max [m]."""
 
     posture: Posture
     manipulability: float
     sigma_max: float
-
-    def to_json(self) -> dict[str, Json]:
-        return {"posture": self.posture, "manipulability": self.manipulability, "sigma_max": self.sigma_max}
 
 
 def most_manipulable(

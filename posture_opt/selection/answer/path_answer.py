@@ -11,7 +11,8 @@ from typing import Any, Literal
 import numpy as np
 
 from posture_opt.collision.scene import Scene
-from posture_opt.numerics import TURN, Array, Json, Mask, finite_or_none
+from posture_opt.encoding import Encoded, encoded
+from posture_opt.numerics import TURN, Array, Json, Mask
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.answer.target_answer import TargetAnswer
 from posture_opt.selection.program.task_path import TaskPath, stacked
@@ -129,7 +130,7 @@ class TimeLaw:
 
 
 @dataclass(frozen=True)
-class PathBreak:
+class PathBreak(Encoded):
     """A step between points at which the arm changes its posture off the path."""
 
     first: int  # number of the listed point before it, from 1
@@ -140,9 +141,6 @@ class PathBreak:
     unit: Literal["rad", "m"]
     off: float  # how far the tool leaves the straight line where all joints move evenly [m]
     step: int  # number of the step among those of all points, added ones too, from 0
-
-    def to_json(self) -> dict[str, Json]:
-        return dict(vars(self))
 
 
 @dataclass(frozen=True)
@@ -201,18 +199,11 @@ class PathAnswer:
     def to_json(self, stations: Sequence[TargetAnswer], said: dict[str, Json], seconds: float) -> dict[str, Any]:
         """The path in ``solution.json``: answers at its listed points, what the solver said, and the search's time."""
         onward = self.naive.onward
-        steps = ("largest_joint_step", "largest_step", "smallest_step")
         return {
             "path": [_point_json(point) for point in stations],
-            **{name: getattr(self, name) for name in steps},
-            "sigma_max_bound": finite_or_none(self.bound),
-            "off_line": self.off_line,
-            "closed": self.closed,
+            **encoded(self, "largest_joint_step largest_step smallest_step sigma_max_bound=bound off_line closed"),
             "whole_turns": self.law.whole_turns if self.returns else {},
-            "speed": self.law.speed,
-            "highest_speed": self.law.highest,
-            "times": self.times,
-            "limiting_joint": self.law.limiting_joint,
+            **encoded(self, "speed=law.speed highest_speed=law.highest times limiting_joint=law.limiting_joint"),
             "breaks": [one.to_json() for one in self.breaks],
             "without_look_ahead": {
                 "each_point_alone": self.naive.each.to_json(),
@@ -224,9 +215,8 @@ class PathAnswer:
 
 
 def _point_json(point: TargetAnswer) -> dict[str, Any]:
-    spread = point.spread
     return {
         "posture": point.posture,
-        "tool": {"position": spread.position.tolist(), "quaternion_wxyz": spread.quaternion_wxyz.tolist()},
+        "tool": encoded(point.spread, "position quaternion_wxyz"),
         **point.task_spread.to_json(),
     }

@@ -11,6 +11,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from posture_opt.encoding import Encoded
 from posture_opt.numerics import TURN, Array, Mask, finite_or_none
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.tasks.workpiece import Combine, Workpiece
@@ -128,7 +129,7 @@ class BenchMap:
 
 
 @dataclass(frozen=True)
-class Placement(PlacementRange):
+class Placement(Encoded, PlacementRange, json="centre=at_centre typical others"):
     """The placement that the stations of an answer share, in the range where the workpiece may stand."""
 
     w: Array  # (4,) x, y, z [m] and yaw [rad] of the workpiece, world
@@ -155,14 +156,6 @@ class Placement(PlacementRange):
     def bench(self, postures: Array) -> BenchMap | None:
         """A map of the spread over the placement, from postures (K, n), or None."""
         return None
-
-    def to_json(self) -> dict[str, Any]:
-        """The part ``placements`` of ``solution.json``."""
-        return {
-            "centre": None if self.at_centre is None else self.at_centre.to_json(),
-            "typical": None if self.typical is None else self.typical.to_json(),
-            "others": [other.to_json() for other in self.others],
-        }
 
 
 ALMOST_ONE = 1 - 1e-9  # of a probability to miss: the logarithm of its complement stays finite

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, cast
 import numpy as np
 
 from posture_opt.collision.pairs import Clearance
+from posture_opt.encoding import encoded
 from posture_opt.numerics import Array, Json
 from posture_opt.selection.answer.improvements import MIN_GAIN, Improvement, improvements
 from posture_opt.selection.answer.placement import BenchMap, Placement, VisitingOrder, best_order, combined_sigma
@@ -275,7 +276,7 @@ class Solution(TargetAnswer):
             "worst_station": self.worst_station,
             **self.worst.spread_json(),
             "clearance": None if self.clearance is None else self.clearance.to_json(),
-            **self._mounting_json(),
+            **encoded(self.problem.scene, "mounting unchecked"),
             "beyond_measured": [found.to_json() for found in self.problem.arm.beyond_measured(self.postures)],
             "what_would_help": [change.to_json() for change in self.improvements],
             "solver": self.statistics.to_json(),
@@ -293,11 +294,6 @@ class Solution(TargetAnswer):
     def mounting_note(self) -> str:
         """What a reader has to know of the surface that the arm stands on; empty where it is stated."""
         return self.problem.scene.mounting_note(self.postures)
-
-    def _mounting_json(self) -> dict[str, Any]:
-        scene = self.problem.scene
-        mounting = None if scene.mounting is None else scene.mounting.to_json()
-        return {"mounting": mounting, "unchecked": list(scene.unchecked)}
 
     def _workpiece_errors(self) -> dict[str, Json]:
         """Standard deviations of workpiece [m, rad] and features [m], and the origin that the angle is about, world."""

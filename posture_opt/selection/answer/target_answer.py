@@ -8,6 +8,7 @@ from typing import Any, Literal, Self
 
 import numpy as np
 
+from posture_opt.encoding import encoded
 from posture_opt.numerics import Array, Json, finite_or_none
 from posture_opt.result import Result
 from posture_opt.robot.posture import Posture
@@ -233,10 +234,9 @@ class TargetAnswer(Result):
         """The posture, its tool pose, and what else could be chosen: the part of the first station in
         ``solution.json``.
         """
-        spread = self.spread
         return {
             "posture": self.posture,
-            "tool": {"position": spread.position.tolist(), "quaternion_wxyz": spread.quaternion_wxyz.tolist()},
+            "tool": encoded(self.spread, "position quaternion_wxyz"),
             "alternatives": [alternative.to_json() for alternative in self.alternatives],
             "best_of_all": self.best_of_all and {**self.best_of_all.to_json(), "gain": self.gain_of_best},
             "most_manipulable": self.most_manipulable and self.most_manipulable.to_json(),
@@ -246,24 +246,17 @@ class TargetAnswer(Result):
         """The spread of the tool point, its budget and comparisons: the worst station's part."""
         spread, statistics = self.spread, self.statistics
         return {
-            "covariance": spread.covariance.tolist(),
-            "covariance_first_order": spread.covariance_first_order.tolist(),
-            "bias": spread.bias.tolist(),
+            **encoded(spread, "covariance covariance_first_order bias"),
             **spread.method_json,
             **self.task_spread.to_json(),
             "budget": budget_json(self.budget),
             "budget_groups": groups_json(self.task_spread.budget_groups),
             "validity": spread.validity.to_json(),
-            "floor": self._lower_bound_json(),
+            "floor": self.lower_bound and encoded(self.lower_bound, "sigma_max=sigma source share"),
             "orientation": self.orientation.to_json(),
             "typical_sigma_max": finite_or_none(statistics.typical),
             "worst_sigma_max": finite_or_none(statistics.worst),
         }
-
-    def _lower_bound_json(self) -> dict[str, Json] | None:
-        if self.lower_bound is None:
-            return None
-        return {"sigma_max": self.lower_bound.sigma, "source": self.lower_bound.source, "share": self.lower_bound.share}
 
 
 def critical_basis(optimisation_problem: OptimisationProblem, target: TaskTarget) -> Array:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from posture_opt.encoding import Encoded
 from posture_opt.numerics import TURN, Array
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.answer.solution import Solution
@@ -39,7 +40,7 @@ class PredictedError:
 
 
 @dataclass(frozen=True, eq=False)
-class JudgedAnswer:
+class JudgedAnswer(Encoded, json="sigma_max miss=distance critical_error success_probability"):
     """A cell of a comparison: the postures of one answer as one model predicts them."""
 
     predicted_errors: tuple[PredictedError, ...]
@@ -70,14 +71,6 @@ class JudgedAnswer:
         probabilities = [predicted.success_probability for predicted in self.predicted_errors]
         known = [p for p in probabilities if p is not None]
         return min(known) if len(known) == len(probabilities) else None
-
-    def to_json(self) -> dict[str, Any]:
-        return {
-            "sigma_max": self.sigma_max,
-            "miss": self.distance,
-            "critical_error": self.critical_error,
-            "success_probability": self.success_probability,
-        }
 
 
 def judged_answer(

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal, get_args
+from typing import ClassVar, Literal, get_args
 
 import numpy as np
 
+from posture_opt.encoding import Encoded
 from posture_opt.errors import InputError, Issue, NoSolutionError
 from posture_opt.limits import MOST_MAP_TARGETS
-from posture_opt.numerics import Array, Codes, Json
+from posture_opt.numerics import Array, Codes
 from posture_opt.selection.program.task_target import Reach, TaskTarget
 from posture_opt.selection.search.relaxation import plane_reason
 
@@ -24,12 +25,13 @@ _ALIGNED = 1 - 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Grid:
+class Grid(Encoded, json="origin axes values order"):
     """Targets ``origin + u e1 + v e2 + w e3``, u running fastest."""
 
     origin: Array  # (3,) [m], world
     axes: Array  # (3, 3) unit vectors e1, e2, e3, one a row: the two that a figure shows, and the one across them
     values: tuple[Array, Array, Array]  # of u, v, w [m], ascending
+    order: ClassVar = "the first axis runs fastest"
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -72,15 +74,6 @@ class Grid:
             inside &= np.abs(at - values[nearest]) <= side / 2
             index.append(nearest)
         return np.where(inside, np.ravel_multi_index(tuple(index[::-1]), self.shape), -1)
-
-    def to_json(self) -> dict[str, Json]:
-        """Axes, origin [m] and values [m] of the grid, world."""
-        return {
-            "origin": self.origin.tolist(),
-            "axes": self.axes.tolist(),
-            "values": [values.tolist() for values in self.values],
-            "order": "the first axis runs fastest",
-        }
 
     @property
     def sides(self) -> tuple[float, float, float]:

@@ -9,6 +9,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
+from posture_opt.encoding import Encoded
 from posture_opt.numerics import Array, Json, finite_or_none
 from posture_opt.selection.answer.other_postures import end_moments, success_with_peg
 from posture_opt.selection.answer.target_answer import critical_basis
@@ -52,16 +53,13 @@ class MapCandidate:
 
 
 @dataclass(frozen=True)
-class NeighbourSolves:
+class NeighbourSolves(Encoded):
     """What targets learnt from their neighbours."""
 
     again: int  # targets with a posture that were solved again, because a neighbour's was another one or they stood out
     better: int  # those of them that became better by it
     most: float  # the largest share of σ that one gained
     found: int  # targets that had no posture before
-
-    def to_json(self) -> dict[str, Json]:
-        return dict(vars(self))
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,9 +12,10 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from posture_opt.collision.contacts import Contacts, ContactSlack
+from posture_opt.encoding import Encoded
 from posture_opt.model.compiled import BatchFunction
 from posture_opt.model.toolchain import find_compiler
-from posture_opt.numerics import TURN, Array, Codes, DerivedAgain, Json, finite_or_none
+from posture_opt.numerics import TURN, Array, Codes, DerivedAgain, Json
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.program.nlp import Nlp
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
@@ -295,7 +296,7 @@ def clusters(Q: Array, robot: Robot, size: Codes | None = None, ignored: Sequenc
 
 
 @dataclass(frozen=True)
-class Confirmation:
+class Confirmation(Encoded, json="name iterations kkt agrees"):
     """What a solver says of an optimum."""
 
     name: str
@@ -315,11 +316,6 @@ class Confirmation:
     def refutes(self) -> bool:
         """Whether the solver left for something visibly different that is not the answer."""
         return not self.taken and self.agrees > 1e-3  # visible in three digits
-
-    def to_json(self) -> dict[str, Json]:
-        """In the part ``solver`` of a document."""
-        kkt, agrees = finite_or_none(self.kkt), finite_or_none(self.agrees)
-        return {"name": self.name, "iterations": self.iterations, "kkt": kkt, "agrees": agrees}
 
 
 # The same of an answer that the search alone gave.
