@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from posture_opt.encoding import encoded
 from posture_opt.model.chain import factor_values, walk
 from posture_opt.numerics import Array, Json, finite_or_none
 from posture_opt.robot.robot import Robot
@@ -48,8 +49,7 @@ class Price:
 
     def to_json(self) -> dict[str, Json]:
         after = {"loosened_by": self.step, "gain": finite_or_none(self.gain)}
-        stated = ("requirement", "value", "unit", "side")
-        return {**{name: getattr(self, name) for name in stated}, "solved_again": after}
+        return {**encoded(self, "requirement value unit side"), "solved_again": after}
 
 
 @dataclass(frozen=True)

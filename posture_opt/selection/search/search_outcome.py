@@ -17,6 +17,7 @@ import numpy as np
 
 from posture_opt.collision.contacts import ContactSlack
 from posture_opt.collision.scene import Scene
+from posture_opt.encoding import encoded
 from posture_opt.numerics import Array, Json, Mask
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.engine import UNCONFIRMED_JSON, CandidatePosture, Confirmation, Engine
@@ -182,10 +183,9 @@ class SearchStatistics:
 
     def to_json(self) -> dict[str, Json]:
         """The part ``solver`` of ``solution.json``."""
-        names: tuple[str, ...] = ("starts", "feasible", "tried", "polished", "converged")
-        names += ("distinct", "hits", "batches", "recurred", "seconds")
+        names = "starts feasible tried polished converged distinct hits batches recurred seconds"
         said = UNCONFIRMED_JSON if self.confirmation is None else self.confirmation.to_json()
-        return {**said, **{name: getattr(self, name) for name in names}}
+        return {**said, **encoded(self, names)}
 
 
 def sweep(engine: Engine, target: TaskTarget, rng: np.random.Generator) -> Sweep | None:
