@@ -7,12 +7,12 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from operator import attrgetter
-from typing import ClassVar
-
-import numpy as np
+from typing import TYPE_CHECKING, ClassVar
 
 from posture_opt import __version__
-from posture_opt.numerics import Json
+
+if TYPE_CHECKING:
+    from posture_opt.numerics import Json
 
 
 class Encoded:
@@ -53,7 +53,7 @@ def encoded(whole: object, keys: str = "") -> dict[str, Json]:
         >>> encoded(3 + 4j, "real size=imag")
         {'real': 3.0, 'size': 4.0}
     """
-    document = dict[str, Json]()
+    document: dict[str, Json] = {}
     for entry in keys.split() or [own.name for own in dataclasses.fields(whole)]:  # type: ignore[arg-type]
         key, _, path = entry.strip("*?").partition("=")
         value = attrgetter(path or key)(whole)
@@ -70,7 +70,7 @@ def encode(value: object) -> Json:
         return value
     if isinstance(value, float):
         return float(value) if math.isfinite(value) else None
-    if isinstance(value, np.ndarray | np.generic):
+    if hasattr(value, "tolist"):  # an array; completion of a word may not load NumPy
         return encode(value.tolist())
     if isinstance(value, Mapping):
         return {str(key): encode(entry) for key, entry in value.items()}
