@@ -14,6 +14,7 @@ from posture_opt.calibration.cross_validation import residual_indices
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.least_squares import reduced_jacobian
 from posture_opt.calibration.estimation.residuals import Residuals
+from posture_opt.encoding import Encoded
 from posture_opt.measurements.kinds import Kind, Mixed
 from posture_opt.measurements.repeats import Contrasts
 from posture_opt.numerics import Array, Codes, Json, finite_or_none, rms, rms_length, stacked_rows
@@ -189,7 +190,7 @@ def _ratio(e: Array, left: Array, axes: int) -> float:
 
 
 @dataclass(frozen=True)
-class InstrumentScatter:
+class InstrumentScatter(Encoded, json="scatter arm unit exceeds_arm=exceeds"):
     """One reading: what is left of it after calibration, against what errors of the arm make of it."""
 
     scatter: float  # standard deviation of a reading about the calibrated arm [unit]
@@ -200,9 +201,6 @@ class InstrumentScatter:
     @property
     def exceeds(self) -> bool:
         return self.scatter > self.arm
-
-    def to_json(self) -> dict[str, Json]:
-        return {"scatter": self.scatter, "arm": self.arm, "unit": self.unit, "exceeds_arm": self.exceeds}
 
 
 def instrument_scatter(fit: Fit, x_nominal: np.ndarray) -> InstrumentScatter | None:

@@ -12,9 +12,10 @@ from posture_opt.calibration.assumptions.refuted_statements import MIN_EVIDENCE
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.estimation.effect_sensitivities import EffectSensitivities
 from posture_opt.calibration.estimation.residuals import gravity_of
+from posture_opt.encoding import Encoded
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import factor_values, walk
-from posture_opt.numerics import Array, Json, finite_or_none
+from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.statements import Quantity, Statement, state
@@ -28,7 +29,7 @@ _LARGEST_SHARE, _MASSES_TRIED = 0.5, 26
 
 
 @dataclass(frozen=True)
-class GravityReading:
+class GravityReading(Encoded, json="vector reading evidence line"):
     """Gravity in another direction than the file is taken to say."""
 
     key: ClassVar[str] = "gravity"
@@ -45,9 +46,6 @@ class GravityReading:
     def line(self) -> str:
         """What to write into the section ``robot`` of the problem file."""
         return f"gravity: [{', '.join(f'{v:.3g}' for v in self.vector)}]"
-
-    def to_json(self) -> dict[str, Json]:
-        return {"vector": list(self.vector), "reading": self.reading, "evidence": self.evidence, "line": self.line}
 
     @property
     def statement(self) -> Statement:
@@ -83,7 +81,7 @@ def better_gravity(calibration: Calibration) -> GravityReading | None:
 
 
 @dataclass(frozen=True)
-class MassReading:
+class MassReading(Encoded, json="place mass std evidence"):
     """A mass that the arm carries and the file does not state, or states and the arm does not carry."""
 
     key: ClassVar[str] = "masses"
@@ -92,9 +90,6 @@ class MassReading:
     mass: float  # beyond what is stated [kg], with its standard error ``std``
     std: float
     evidence: float  # logarithm of the likelihood ratio, by the sag of the joints alone
-
-    def to_json(self) -> dict[str, Json]:
-        return {"place": self.place, "mass": self.mass, "std": finite_or_none(self.std), "evidence": self.evidence}
 
     @property
     def statement(self) -> Statement:

@@ -16,8 +16,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from posture_opt.encoding import Encoded
 from posture_opt.errors import InputError, SolverError
-from posture_opt.numerics import TURN, Array, Json
+from posture_opt.numerics import TURN, Array
 from posture_opt.uncertainty.regions import RANK_TOLERANCE, coverage_factor, deviation
 
 
@@ -381,7 +382,7 @@ PARTS: dict[str, str] = {"across": "across the direction", "along": "along the d
 
 
 @dataclass(frozen=True)
-class Critical:
+class Critical(Encoded, json="within sigma_max basis covariance radius95"):
     """The part of the spread that counts for the task."""
 
     within: Within  # across the direction, along it, or all of it
@@ -408,12 +409,3 @@ class Critical:
     def radius95(self) -> float:
         """Distance from the target that 95 % of all tool points stay within [m]."""
         return coverage_radius(0.95, self.covariance, self.bias)
-
-    def to_json(self) -> dict[str, Json]:
-        return {
-            "within": self.within,
-            "sigma_max": self.sigma_max,
-            "basis": self.basis.tolist(),
-            "covariance": self.covariance.tolist(),
-            "radius95": self.radius95,
-        }

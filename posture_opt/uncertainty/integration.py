@@ -15,7 +15,8 @@ from typing import Literal
 
 import numpy as np
 
-from posture_opt.numerics import Array, Codes, Json, Mask
+from posture_opt.encoding import Encoded
+from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.robot.robot import Factor
 from posture_opt.uncertainty.exact_moments import Segment
 from posture_opt.uncertainty.gaussian_rules import (
@@ -165,7 +166,7 @@ Moments = tuple[Array, Array]  # mean (m,) and covariance (m, m), of the tool po
 
 
 @dataclass(frozen=True)
-class Integration:
+class Integration(Encoded):
     """How a mean over shared factors was taken, and how far it may be off."""
 
     rule: Literal["polynomial", "quasi-Monte Carlo"]  # polynomial: exact up to a degree, products among them
@@ -174,9 +175,6 @@ class Integration:
     # Estimate of the largest relative error of the variance along any direction: the change by the last refinement, or
     # two standard errors of quasi-Monte Carlo.
     relative_error: float
-
-    def to_json(self) -> dict[str, Json]:
-        return dict(vars(self))
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,6 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
+from posture_opt.encoding import Encoded
 from posture_opt.model.chain import Vector
 from posture_opt.numerics import Array, Json, finite_or_none
 from posture_opt.uncertainty.clearance import Critical, JointProbability, both_within, miss_probability
@@ -17,7 +18,11 @@ from posture_opt.uncertainty.tool_point import ToolPoint
 
 
 @dataclass(frozen=True)
-class Orientation:
+class Orientation(
+    Encoded,
+    json="tilt_sigma_max=tilt spin_sigma=spin "
+    "tilt_sigma_max_first_order=tilt_first_order spin_sigma_first_order=spin_first_order",
+):
     """Standard deviations of the rotation of the tool [rad], from the covariance of the pose and from ``J Σ Jᵀ``."""
 
     tilt: float  # largest one of the tilt of the tool axis
@@ -38,14 +43,6 @@ class Orientation:
         """Relative error of the first-order values, the larger one."""
         sizes = ((self.tilt, self.tilt_first_order), (self.spin, self.spin_first_order))
         return max((abs(linear / exact - 1) for exact, linear in sizes if exact > 0), default=0.0)
-
-    def to_json(self) -> dict[str, Json]:
-        return {
-            "tilt_sigma_max": self.tilt,
-            "spin_sigma": self.spin,
-            "tilt_sigma_max_first_order": self.tilt_first_order,
-            "spin_sigma_first_order": self.spin_first_order,
-        }
 
 
 def _tilt_and_spin(turning: Array, axis: Array) -> tuple[float, float]:

@@ -13,10 +13,11 @@ from posture_opt.calibration.assumptions.frames import arm_and_data, fit_frames
 from posture_opt.calibration.assumptions.instrument import position_sigma
 from posture_opt.calibration.cross_validation import position_errors
 from posture_opt.calibration.estimation.starting_values import kabsch
+from posture_opt.encoding import Encoded
 from posture_opt.errors import InputError, Issue
 from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements, nominal_poses
-from posture_opt.numerics import Array, Codes, Json, Mask, Progress, finite_or_none, rms
+from posture_opt.numerics import Array, Codes, Mask, Progress, rms
 from posture_opt.result import Result
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.maps.grid_layout import Grid, Plane
@@ -33,7 +34,7 @@ from posture_opt.workers import Executor
 
 
 @dataclass(frozen=True, eq=False)
-class MeasuredErrors:
+class MeasuredErrors(Encoded):
     """Measured rows compared with what is predicted where they lie."""
 
     place: Array  # (M, 3) tool point of the rows by the model [m], world
@@ -89,13 +90,13 @@ class MeasuredErrors:
         """Share of all rows in the 95 % region that is predicted for their own posture; NaN if not comparable."""
         return float(np.mean(self.inside)) if self.comparable else math.nan
 
-    def to_json(self) -> dict[str, Json]:
+    def fields_json(self) -> dict[str, object]:
         return {
             "rows": len(self.cell),
-            "rows_near": int(self.near.sum()),
+            "rows_near": self.near.sum(),
             "near_within": self.reach,
-            "share_within_95_of_cell": finite_or_none(self.share_near),
-            "share_within_95_of_own_posture": finite_or_none(self.share),
+            "share_within_95_of_cell": self.share_near,
+            "share_within_95_of_own_posture": self.share,
             "rms_uncorrected": rms(self.uncorrected),
             "rms": rms(self.corrected),
             "notes": [remark.text for remark in self.remarks],
@@ -220,25 +221,25 @@ class AccuracyMap(Result):
         """(N,) length of the bias [m]."""
         return np.asarray(np.linalg.norm(self.bias, axis=1))
 
-    def fields_json(self) -> dict[str, Json]:
+    def fields_json(self) -> dict[str, object]:
         """The document ``map.json``: SI units, finite numbers only."""
-        joints, entries = self.targets.optimisation_problem.robot.joint_names, list[Json]()
+        joints, entries = self.targets.optimisation_problem.robot.joint_names, list[object]()
         for k, point in enumerate(self.targets.map_points):
             document, values = point.to_json(joints), ("bias", "covariance", "semi_axes95")
             entry = {key: document[key] for key in ("position", "feasible", "reason", "posture")}
-            entry |= {name: getattr(self, name)[k].tolist() if point.feasible else None for name in values}
-            entries.append({**entry, "radius95": finite_or_none(float(self.radius95[k]))})
+            entry |= {name: getattr(self, name)[k] if point.feasible else None for name in values}
+            entries.append({**entry, "radius95": self.radius95[k]})
         return {
             "name": self.targets.problem.name,
             "task": self.targets.optimisation_problem.task.kind,
             "quantity": "accuracy",
-            "direction": self.targets.target.direction.tolist(),
+            "direction": self.targets.target.direction,
             "corrections": self.corrections,
             "effects": self.effects,
-            "own": None if self.own is None else {"bias": self.own[0].tolist(), "radius95": self.own[1]},
-            "grid": self.grid.to_json(),
+            "own": None if self.own is None else {"bias": self.own[0], "radius95": self.own[1]},
+            "grid": self.grid,
             "targets": entries,
-            "measured": None if self.measured is None else self.measured.to_json(),
+            "measured": self.measured,
             "seconds": self.targets.seconds,
             "notes": [str(note) for note in self.targets.notes],
         }

@@ -13,11 +13,12 @@ import numpy as np
 from posture_opt.calibration.assumptions.instrument import position_sigma
 from posture_opt.calibration.calibration import Calibration, calibrated_parts
 from posture_opt.calibration.estimation.residuals import Residuals
+from posture_opt.encoding import Encoded
 from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.repeats import repeats_of_one_kind
 from posture_opt.measurements.rotations import rotation_matrices, rotation_vectors
-from posture_opt.numerics import Array, Codes, Json
+from posture_opt.numerics import Array, Codes
 from posture_opt.result import Result
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.statements import Quantity, Statement, notation, state
@@ -44,7 +45,11 @@ _SIGMA_EXAMPLES = {"m": "0.05 mm", "rad": "0.002 deg", "px": "0.2 px"}
 
 
 @dataclass(frozen=True, eq=False)
-class ResidualScatter:
+class ResidualScatter(
+    Encoded,
+    json="covariance=ellipse.covariance samples dof "
+    "semi_axes_1sigma=ellipse.semi_axes axes=ellipse.axes.T coverage95_factor=factor inside",
+):
     """The vector uncertainty of what calibration leaves, ``C = (1/l) Σ Δx Δxᵀ``."""
 
     ellipse: Ellipsoid  # about zero, in the coordinates that were measured
@@ -63,13 +68,6 @@ class ResidualScatter:
             return None
         factor = hotelling_factor(0.95, ellipse.rank, poses)
         return cls(ellipse, len(errors), poses, factor, float(np.mean(ellipse.mahalanobis(errors) <= factor)))
-
-    def to_json(self) -> dict[str, Json]:
-        return {
-            "covariance": self.ellipse.covariance.tolist(), "samples": self.samples, "dof": self.dof,
-            "semi_axes_1sigma": self.ellipse.semi_axes.tolist(), "axes": self.ellipse.axes.T.tolist(),
-            "coverage95_factor": self.factor, "inside": self.inside,
-        }  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -143,24 +141,24 @@ class Assessment(Result):
         models = {"nominal": self.nominal, "calibrated": self.calibrated}
         return {name: m.coordinate / self.instrument if self.instrument else np.inf for name, m in models.items()}
 
-    def fields_json(self) -> dict[str, Json]:
+    def fields_json(self) -> dict[str, object]:
         """The entry ``assessment`` of ``calibration.json``: SI units."""
-        instrument: dict[str, Json] = {"sigma": self.instrument or None}
+        instrument: dict[str, object] = {"sigma": self.instrument or None}
         if self.instrument:
             instrument |= {"times_better": self.ratios}
             instrument["sufficient"] = {name: ratio >= MIN_INSTRUMENT_RATIO for name, ratio in self.ratios.items()}
         return {
             "sign": "measured minus model", "rows": self.rows, "poses": self.poses,
             "block_axes": [name for name, _ in self.block_axes],
-            "direction": None if self.direction is None else self.direction.tolist(),
-            "nominal": self.nominal.to_json(), "calibrated": self.calibrated.to_json(),
-            "remaining": None if self.residual_scatter is None else self.residual_scatter.to_json(),
+            "direction": self.direction,
+            "nominal": self.nominal, "calibrated": self.calibrated,
+            "remaining": self.residual_scatter,
             "instrument": instrument,
-            "repeats": None if self.repeats is None else self.repeats.to_json(),
-            "goals": None if self.goals is None else self.goals.to_json(),
-            "trends": [trend.to_json() for trend in self.trends],
-            "approach": [sides.to_json() for sides in self.sides],
-            "notes": list(self.notes),
+            "repeats": self.repeats,
+            "goals": self.goals,
+            "trends": self.trends,
+            "approach": self.sides,
+            "notes": self.notes,
         }  # fmt: skip
 
 

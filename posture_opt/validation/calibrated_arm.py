@@ -11,7 +11,8 @@ import numpy as np
 
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.estimation.fit_request import persistent_sources, places_in_robot
-from posture_opt.numerics import Array, DerivedAgain, Json
+from posture_opt.encoding import Encoded
+from posture_opt.numerics import Array, DerivedAgain
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.comparison.compare import compare_plans
 from posture_opt.selection.comparison.comparison import Comparison
@@ -108,7 +109,7 @@ def compare_models(
 
 
 @dataclass(frozen=True, eq=False)
-class Evaluation(DerivedAgain):
+class Evaluation(DerivedAgain, Encoded):
     """The residuals of a calibration, the spread that it predicts, and its task planned again, each computed once."""
 
     calibration: Calibration  # with its request: problem, measurements, and whether the task is planned again
@@ -151,8 +152,8 @@ class Evaluation(DerivedAgain):
         doubts = (one for part in (seen, self.spread_check) for one in part.statements if one.severity != "result")
         return (*(() if self.comparison is None else self.comparison.statements), step, *doubts)
 
-    def to_json(self) -> dict[str, Json]:
-        plan = {} if self.comparison is None else {"posture": self.comparison.fields_json()}
+    def fields_json(self) -> dict[str, object]:
+        plan: dict[str, object] = {} if self.comparison is None else {"posture": self.comparison.fields_json()}
         return {
             "assessment": self.assessment.fields_json(),
             "coverage95": self.spread_check.coverage95,

@@ -9,10 +9,11 @@ import numpy as np
 
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.estimation.residuals import Residuals
+from posture_opt.encoding import Encoded
 from posture_opt.errors import InsufficientDataError
 from posture_opt.measurements.measurements import outlying_groups, rows_of
 from posture_opt.measurements.repeats import repeats_of_one_kind
-from posture_opt.numerics import Array, Codes, Json, Mask
+from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.validation.joint_variances import JointVariances, fit_joint_variances
 from posture_opt.validation.model_errors import holm_rejections
 from posture_opt.validation.prediction import ErrorSources, joint_columns, joint_errors, prismatic_joints
@@ -97,13 +98,12 @@ class PoseScatter:
     p_shape: float
     true: bool
 
-    def to_json(self) -> dict[str, Json]:
-        shape = None if np.isnan(self.p_shape) else self.p_shape
-        return {**vars(self), "p_shape": shape}
-
 
 @dataclass(frozen=True, eq=False)
-class ScatterTest:
+class ScatterTest(
+    Encoded,
+    json="visits=rows postures=groups factor factor_interval95=interval p_size p_shape verdict poses",
+):
     """Scatter between repeats against its prediction."""
 
     rows: int  # rows, groups: rows that repeat a posture, and how many postures
@@ -119,14 +119,6 @@ class ScatterTest:
         """``right``, ``understated`` or ``overstated``: whether the interval of the factor holds 1."""
         low, high = self.interval
         return "right" if low <= 1 <= high else "understated" if self.factor > 1 else "overstated"
-
-    def to_json(self) -> dict[str, Json]:
-        return {
-            "visits": self.rows, "postures": self.groups, "factor": self.factor,
-            "factor_interval95": list(self.interval), "p_size": self.p_size,
-            "p_shape": None if np.isnan(self.p_shape) else self.p_shape, "verdict": self.verdict,
-            "poses": [pose.to_json() for pose in self.poses],
-        }  # fmt: skip
 
 
 def scatter_test(scatter: Scatter, covariances: Array, lines: Codes) -> ScatterTest:
@@ -202,9 +194,6 @@ class ScatterPrediction:
     def better(self) -> bool | None:
         """Whether it predicts better than the round model; ``None`` within two standard errors."""
         return None if abs(self.gain) <= 2 * self.gain_std else self.gain > 0
-
-    def to_json(self) -> dict[str, Json]:
-        return dict(vars(self))
 
 
 def predict_scatter(

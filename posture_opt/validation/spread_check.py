@@ -107,18 +107,18 @@ class SpreadCheck(Result):
         """The share of the rows inside the 95 % region that each model predicts."""
         return {name: found.share for name, found in self.coverage.items()}
 
-    def fields_json(self) -> dict[str, Json]:
+    def fields_json(self) -> dict[str, object]:
         """The entry ``spread_check`` of ``calibration.json``: SI units and radians."""
         return {
             "uncertainty_stated": self.stated,
-            "coverage": {name: found.to_json() for name, found in self.coverage.items()},
+            "coverage": self.coverage,
             "repeats": None if self.repeats is None else {**self.repeats.to_json(), "prediction": self.repeats_by},
             "sigma_between_repeats": self.repeat_sigma or None,
             "sigma_left": self.residual_rms,
             "joint_noise": _noise_json(self),
-            "odd_lines": list(self.outlying),
-            "held_out": [found.to_json() for found in self.scatter_predictions],
-            "notes": list(self.notes),
+            "odd_lines": self.outlying,
+            "held_out": self.scatter_predictions,
+            "notes": self.notes,
         }
 
 
