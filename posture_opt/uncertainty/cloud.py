@@ -8,10 +8,11 @@ from functools import cached_property
 
 import numpy as np
 
+from posture_opt.encoding import encoded
 from posture_opt.errors import InputError, Issue
 from posture_opt.interrupts import interruptible
 from posture_opt.limits import MOST_SAMPLES
-from posture_opt.numerics import Array, Json
+from posture_opt.numerics import Array
 from posture_opt.result import Result
 from posture_opt.robot.posture import Posture, PostureLike
 from posture_opt.statements import Statement, state
@@ -27,7 +28,7 @@ from posture_opt.uncertainty.sampler import (
     wilson_interval,
 )
 from posture_opt.uncertainty.sampler import adaptive as adaptive_trials
-from posture_opt.uncertainty.spread import HasSources, Spread, budget_json, ellipse_json, propagate, task_json
+from posture_opt.uncertainty.spread import HasSources, Spread, ellipse_json, propagate, task_json
 from posture_opt.uncertainty.task_spread import TaskSpread
 
 _MAX_KEPT_POINTS = 1_000_000  # for figures and files
@@ -194,38 +195,28 @@ class Cloud(Result):
         varies = closed > RANK_TOLERANCE * closed[-1]
         return np.asarray(np.sqrt(np.divide(sampled, closed, out=np.ones_like(closed), where=varies)))
 
-    def fields_json(self) -> dict[str, Json]:
+    def fields_json(self) -> dict[str, object]:
         """As ``spread.json``, of the sample; budget, first order and validity are those of the model."""
         closed = self.spread.fields_json()
         about = {key: value for key, value in closed.items() if key != "integration"}
         sampled = {
-            "covariance": self.covariance.tolist(),
-            "bias": self.bias.tolist(),
-            "pose_covariance": self.pose_covariance.tolist(),
+            **encoded(self, "covariance bias pose_covariance"),
             "pose_covariance_frame": POSE_FRAME,
             "pose_covariance_integration": None,
             "ellipse": ellipse_json(self.ellipse, self.spread.basis),
             "method": "Monte Carlo",
-            "budget": budget_json(self.spread.budget),
             **task_json(self.for_task),
-            "success_probability": self.success,
-            "success_probability_interval95": None if self.success_interval is None else list(self.success_interval),
-            "notes": list(self.notes),
+            **encoded(self, "success_probability=success success_probability_interval95=success_interval notes"),
         }
-        found = self.adaptive
         errors = {
-            "n": self.n,
-            "seed": self.seed,
-            "adaptive": found and {key: getattr(found, key) for key in ("stable", "blocks", "kp", "kq")},
-            "mean": self.mean.tolist(),
-            "bias_standard_error": self.bias_error.tolist(),
-            "covariance_standard_error": self.covariance_error.tolist(),
-            "covariance_interval95": self.covariance_interval.tolist(),
-            "eigenvalues": self.eigenvalues.tolist(),
-            "eigenvalue_intervals95": self.eigenvalue_intervals.tolist(),
-            "coverage95": {"value": self.coverage95, "interval95": list(self.coverage95_interval)},
+            **encoded(self, "n seed"),
+            "adaptive": self.adaptive and encoded(self.adaptive, "stable blocks kp kq"),
+            **encoded(self, "mean bias_standard_error=bias_error covariance_standard_error=covariance_error"),
+            **encoded(self, "covariance_interval95=covariance_interval eigenvalues"),
+            "eigenvalue_intervals95": self.eigenvalue_intervals,
+            "coverage95": encoded(self, "value=coverage95 interval95=coverage95_interval"),
         }
-        return {**about, **sampled, **errors, "closed_form": closed, "ratio": self.ratio.tolist()}
+        return {**about, **sampled, **errors, "closed_form": closed, "ratio": self.ratio}
 
 
 @interruptible()

@@ -9,9 +9,9 @@ from functools import cached_property
 
 import numpy as np
 
-from posture_opt.encoding import Encoded
+from posture_opt.encoding import Encoded, encoded
 from posture_opt.model.chain import Vector
-from posture_opt.numerics import Array, Json, finite_or_none
+from posture_opt.numerics import Array
 from posture_opt.uncertainty.clearance import Critical, JointProbability, both_within, miss_probability
 from posture_opt.uncertainty.pose_covariance import joint_covariance, pose_covariance, turn_of
 from posture_opt.uncertainty.tool_point import ToolPoint
@@ -58,7 +58,7 @@ def axes_across(axis: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class YawSpread:
+class YawSpread(Encoded):
     """How far a part that is put down is turned about the direction, and what its corners make of that."""
 
     sigma: float  # standard deviation of the rotation about the direction [rad]
@@ -72,7 +72,7 @@ class YawSpread:
         square = float(np.trace(critical.covariance) + critical.bias @ critical.bias) + lever**2 * variance
         return cls(math.sqrt(variance), lever, math.sqrt(max(square, 0.0)))
 
-    def to_json(self) -> dict[str, Json]:
+    def fields_json(self) -> dict[str, object]:
         return {"sigma": self.sigma, "lever": self.lever or None, "corner_rms": self.corner if self.lever else None}
 
 
@@ -100,7 +100,7 @@ class TiltRisk:
 
 
 @dataclass(frozen=True)
-class PegSpread:
+class PegSpread(Encoded):
     """Lateral errors of the two ends of a peg and its tilt.
 
     Moved straight along the hole, the peg keeps its errors: the tip meets the mouth of the hole with its own, and when
@@ -153,16 +153,13 @@ class PegSpread:
         """(N, 3) shift of the top end [m] by shifts (N, 3) of the tip and rotation vectors (N, 3) [rad], world."""
         return np.asarray(shift + turn_of(rotation, -self.part.length * self.axis))
 
-    def to_json(self) -> dict[str, Json]:
-        ends = [{"name": name, **end.to_json()} for name, end in (("tip", self.tip), ("top end", self.top))]
-        risks = {"two_point_contact": self.two_point_contact, "wedging": self.wedging}
+    def fields_json(self) -> dict[str, object]:
         return {
             "length": self.part.length,
-            "ends": ends,
-            "joint_covariance": self.covariance.tolist(),
-            "success_probability_error": None if self.p_success is None else finite_or_none(self.p_success.error),
-            "tilt_sigma_max": self.tilt_sigma,
-            **{name: None if risk is None else vars(risk) for name, risk in risks.items()},
+            "ends": [{"name": "tip", **self.tip.to_json()}, {"name": "top end", **self.top.to_json()}],
+            "joint_covariance": self.covariance,
+            "success_probability_error": self.p_success and self.p_success.error,
+            **encoded(self, "tilt_sigma_max=tilt_sigma two_point_contact wedging"),
         }
 
 

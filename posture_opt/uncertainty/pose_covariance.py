@@ -20,8 +20,9 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from posture_opt.encoding import Encoded
 from posture_opt.model.chain import Scalar, Walk, position_column, rotation_column
-from posture_opt.numerics import Array, Json, finite_or_none
+from posture_opt.numerics import Array
 from posture_opt.statements import Quantity, Statement, state
 from posture_opt.uncertainty.exact_moments import Segment, deviations
 from posture_opt.uncertainty.integration import Integration, SharedSpan, converged
@@ -198,7 +199,7 @@ _MOTION_SHARE = 1e-9
 
 
 @dataclass(frozen=True)
-class Validity:
+class Validity(Encoded):
     """How far curvature bends the first-order picture, in units of its own standard deviations.
 
     ``curvature = sqrt(lambda_max(C1^+ C2))``, ``bias_mahalanobis = |C1^(-1/2) b|``, zero or more. Both are infinite
@@ -246,11 +247,11 @@ class Validity:
     def text(self) -> str:
         return self.statement.text
 
-    def to_json(self) -> dict[str, Json]:
+    def fields_json(self) -> dict[str, object]:
         return {
-            "curvature": finite_or_none(self.curvature),
+            "curvature": self.curvature,
             "curvature_infinite": math.isinf(self.curvature),
-            "bias_mahalanobis": finite_or_none(self.bias_mahalanobis),
+            "bias_mahalanobis": self.bias_mahalanobis,
             "bias_infinite": math.isinf(self.bias_mahalanobis),
             "verdict": self.verdict,
             "text": self.text,

@@ -9,10 +9,11 @@ from typing import Protocol
 
 import numpy as np
 
+from posture_opt.encoding import encoded
 from posture_opt.errors import InputError, Issue
 from posture_opt.model.arm import HasArm
 from posture_opt.model.chain import Scalar, Walk
-from posture_opt.numerics import Array, Json
+from posture_opt.numerics import Array
 from posture_opt.result import Result
 from posture_opt.robot.posture import Posture, PostureLike, beyond_limits, read_posture
 from posture_opt.robot.robot import Robot
@@ -132,11 +133,6 @@ class Spread(Result):
         """How `covariance` was computed: ``exact``, ``exact, planar``, or at nodes whose error `integration` states."""
         return self.tool_point.method
 
-    @property
-    def method_json(self) -> dict[str, Json]:
-        """`method` and, unless it is a closed form, what `integration` says of the error."""
-        return {"method": self.method} | ({"integration": self.integration.to_json()} if self.integration else {})
-
     @cached_property
     def pose(self) -> PoseCovariance:
         """Covariance of the pose, and how it was found."""
@@ -228,26 +224,19 @@ class Spread(Result):
         reached, _ = self.tool_point.walk(self.q)
         return Validity.of(*second_order(reached, self.tool_point.indices, self.tool_point.covariance))
 
-    def fields_json(self) -> dict[str, Json]:
+    def fields_json(self) -> dict[str, object]:
         """The document ``spread.json``: SI units, finite numbers only."""
         return {
             "posture": self.posture,
-            "tool": {"position": self.position.tolist(), "quaternion_wxyz": self.quaternion_wxyz.tolist()},
-            "covariance": self.covariance.tolist(),
-            "covariance_first_order": self.covariance_first_order.tolist(),
-            "bias": self.bias.tolist(),
-            "pose_covariance": self.pose_covariance.tolist(),
+            "tool": encoded(self, "position quaternion_wxyz"),
+            **encoded(self, "covariance covariance_first_order bias pose_covariance"),
             "pose_covariance_frame": POSE_FRAME,
-            "pose_covariance_integration": self.pose.integration and self.pose.integration.to_json(),
+            "pose_covariance_integration": self.pose.integration,
             "pose_covariance_within_half_turn": self.pose.within_half_turn,
             "ellipse": ellipse_json(self.ellipse, self.basis),
-            **self.method_json,
-            "budget": budget_json(self.budget),
-            "budget_groups": groups_json(self.budget_groups),
-            "budget_of_axes": [budget_json(shares) for shares in self.axis_budgets],
+            **encoded(self, "method integration? budget budget_groups budget_of_axes=axis_budgets"),
             **task_json(self.for_task),
-            "validity": self.validity.to_json(),
-            "notes": list(self.notes),
+            **encoded(self, "validity notes"),
         }
 
 
@@ -336,36 +325,22 @@ def ellipse_basis(tool_point: ToolPoint, covariance: Array) -> Array:
     return np.array([e1, e2 if e2[np.abs(e2).argmax()] > 0 else -e2])
 
 
-def ellipse_json(ellipse: Ellipsoid, directions: Array) -> dict[str, Json]:
+def ellipse_json(ellipse: Ellipsoid, directions: Array) -> dict[str, object]:
     """Semi-axes of one σ [m] and their directions in the world; the ellipse is in coordinates along ``directions``."""
     return {
-        "semi_axes_1sigma": ellipse.semi_axes.tolist(),
-        "axes": (ellipse.axes.T @ directions).tolist(),
+        "semi_axes_1sigma": ellipse.semi_axes,
+        "axes": ellipse.axes.T @ directions,
         "coverage95_factor": ellipse.factor(0.95),
         "dimension": len(directions),
     }
 
 
-def budget_json(shares: Sequence[Share]) -> list[dict[str, Json]]:
-    """The shares as the documents list them."""
-    return [dict(vars(share)) for share in shares]
-
-
-def groups_json(groups: Sequence[ShareGroup]) -> list[dict[str, Json]]:
-    """Sources whose errors cancel together, as the documents list them."""
-    return [{"parameters": list(group.parameters), "share": group.share} for group in groups]
-
-
-def task_json(seen: TaskSpread | None) -> dict[str, Json]:
+def task_json(seen: TaskSpread | None) -> dict[str, object]:
     """What the task sees, and the budget of its worst axis; null without a task."""
     if seen is None:
         return dict.fromkeys(("task", "critical", "success_probability", "critical_budget", "critical_budget_groups"))
-    return {
-        "task": seen.kind,
-        **seen.to_json(),
-        "critical_budget": budget_json(seen.budget),
-        "critical_budget_groups": groups_json(seen.budget_groups),
-    }
+    budget = encoded(seen, "critical_budget=budget critical_budget_groups=budget_groups")
+    return {"task": seen.kind, **seen.fields_json(), **budget}
 
 
 def quaternion(reached: Walk) -> Array:

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from posture_opt.numerics import Array, Json
+from posture_opt.encoding import Encoded, encoded
+from posture_opt.numerics import Array
 from posture_opt.uncertainty.clearance import coverage_radius
 from posture_opt.uncertainty.regions import deviation
 from posture_opt.uncertainty.sources import Sources, stated_name
@@ -16,7 +17,7 @@ from posture_opt.uncertainty.tool_point import ToolPoint
 
 
 @dataclass(frozen=True)
-class SpreadParts:
+class SpreadParts(Encoded):
     """Standard deviation along the worst axis and 95 % radius [m] of scatter and of the systematic part."""
 
     scatter_sigma: float  # of what is drawn anew at every repeat
@@ -29,11 +30,10 @@ class SpreadParts:
     def mostly_systematic(self) -> bool:
         return self.systematic_radius > self.scatter_radius
 
-    def to_json(self) -> dict[str, Json]:
-        systematic = {"sigma_max": self.systematic_sigma, "radius95": self.systematic_radius}
+    def fields_json(self) -> dict[str, object]:
         return {
-            "scatter": {"sigma_max": self.scatter_sigma, "radius95": self.scatter_radius},
-            "systematic": {**systematic, "parameters": list(self.parameters)},
+            "scatter": encoded(self, "sigma_max=scatter_sigma radius95=scatter_radius"),
+            "systematic": encoded(self, "sigma_max=systematic_sigma radius95=systematic_radius parameters"),
         }
 
 

@@ -10,7 +10,8 @@ from typing import ClassVar, Protocol
 
 import numpy as np
 
-from posture_opt.numerics import Array, Json
+from posture_opt.encoding import Encoded, encoded
+from posture_opt.numerics import Array
 from posture_opt.statements import Quantity, Statement, state
 from posture_opt.uncertainty.budget import Share, ShareGroup, budget, share_groups
 from posture_opt.uncertainty.clearance import PARTS, Critical, Within, within_clearance
@@ -48,7 +49,7 @@ class HasDirection(Protocol):
 
 
 @dataclass(frozen=True)
-class TaskSpread:
+class TaskSpread(Encoded):
     """A spread as a task sees it."""
 
     kind: str  # of the task
@@ -136,15 +137,9 @@ class TaskSpread:
             return seen
         return replace(seen, critical=seen.peg.top, tool_point=task.part.behind(self.tool_point))
 
-    def to_json(self) -> dict[str, Json]:
-        found: dict[str, Json] = {
-            "critical": self.critical.to_json() | {"sigma_along": self.sigma_along},
-            "success_probability": self.success_probability,
-        }
-        if self.peg is not None:
-            found["peg"] = self.peg.to_json()
-        if self.yaw is not None:
-            found["yaw"] = self.yaw.to_json()
+    def fields_json(self) -> dict[str, object]:
+        critical = self.critical.to_json() | {"sigma_along": self.sigma_along}
+        found: dict[str, object] = {"critical": critical, **encoded(self, "success_probability peg? yaw?")}
         if self.expanded is not None:
             along, worst = self.expanded
             found["expanded_uncertainty"] = {"coverage_factor": self.expansion, "along": along, "worst": worst}

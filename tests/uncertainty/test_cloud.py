@@ -108,7 +108,8 @@ def test_adaptive_draws_until_the_digits_stand():
 def test_the_document_is_that_of_the_spread_beside_the_closed_form():
     cloud = po.simulate(spatial(), Q6, n=500, seed=9)
     document = cloud.to_json()
-    closed = po.propagate(spatial(), Q6).fields_json()
+    closed = po.propagate(spatial(), Q6).to_json()
+    del closed["statements"]
     assert set(document) >= set(closed) | {"n", "seed", "closed_form", "ratio"}
     assert document["n"] == 500
     assert document["seed"] == 9

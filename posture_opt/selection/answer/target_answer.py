@@ -31,7 +31,7 @@ from posture_opt.uncertainty.clearance import Critical
 from posture_opt.uncertainty.peg_spread import Orientation
 from posture_opt.uncertainty.regions import Ellipsoid
 from posture_opt.uncertainty.sources import Sources
-from posture_opt.uncertainty.spread import Spread, budget_json, groups_json, relative_spread
+from posture_opt.uncertainty.spread import Spread, relative_spread
 from posture_opt.uncertainty.task_spread import TaskSpread, sigma_along
 
 Status = Literal["optimal", "feasible", "infeasible"]
@@ -247,11 +247,11 @@ class TargetAnswer(Result):
         spread, statistics = self.spread, self.statistics
         return {
             **encoded(spread, "covariance covariance_first_order bias"),
-            **spread.method_json,
+            **encoded(spread, "method integration?"),
             **self.task_spread.to_json(),
-            "budget": budget_json(self.budget),
-            "budget_groups": groups_json(self.task_spread.budget_groups),
-            "validity": spread.validity.to_json(),
+            "budget": self.budget,
+            "budget_groups": self.task_spread.budget_groups,
+            "validity": spread.validity,
             "floor": self.lower_bound and encoded(self.lower_bound, "sigma_max=sigma source share"),
             "orientation": self.orientation.to_json(),
             "typical_sigma_max": finite_or_none(statistics.typical),

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 import numpy as np
 from pydantic import WithJsonSchema
 
+from posture_opt.encoding import Encoded
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar
 from posture_opt.numerics import TURN, Array
@@ -270,17 +271,13 @@ INPUTS: dict[Input, NeededInput] = {
 
 
 @dataclass(frozen=True)
-class Limit:
-    """A cause that cannot be known from data of a kind."""
+class Limit(Encoded, json="kind target reason hint mend=hint"):
+    """A cause that cannot be known from data of a kind: an entry of ``unknowable`` in ``diagnosis.json``."""
 
     kind: str  # kind, target: of the cause
     target: str
     reason: str  # why not
     hint: str  # what would show it
-
-    def to_json(self) -> dict[str, str]:
-        """The entry of ``unknowable`` in ``diagnosis.json``."""
-        return {"kind": self.kind, "target": self.target, "reason": self.reason, "hint": self.hint, "mend": self.hint}
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from posture_opt.encoding import Encoded
 from posture_opt.errors import enumerated
-from posture_opt.numerics import TURN, Array, Json
+from posture_opt.numerics import TURN, Array
 from posture_opt.units import number
 
 # Distances at which the window is taken, and joint values that it is taken of; chosen for time
@@ -76,7 +77,7 @@ _PART = "wave generator or pinion, motor shaft and motor encoder"
 
 
 @dataclass(frozen=True)
-class RotatingPart:
+class RotatingPart(Encoded, json="cycles part ratio per_motor_turn=per_turn"):
     """A part that turns as often as an error repeats."""
 
     cycles: float  # of the error, per revolution of the joint
@@ -96,9 +97,6 @@ class RotatingPart:
             f"{cycles_text(self.cycles)} cycles per revolution is {_OFTEN[self.per_turn]} per revolution of the motor"
         )
         return f"{often}{at}"
-
-    def to_json(self) -> dict[str, Json]:
-        return {"cycles": self.cycles, "part": self.part, "ratio": self.ratio, "per_motor_turn": self.per_turn}
 
 
 def rotating_parts(lines: Sequence[float], stated: float) -> tuple[RotatingPart, ...]:
