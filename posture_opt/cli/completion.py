@@ -16,9 +16,6 @@ from posture_opt.files import builtin_names, preset_names
 from posture_opt.selection.tasks import KINDS
 
 if TYPE_CHECKING:
-    from typing import Any
-
-if TYPE_CHECKING:
     Text = click.ParamType[Any]
     Completed = list[CompletionItem[Any]]
 else:

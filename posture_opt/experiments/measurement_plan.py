@@ -11,11 +11,12 @@ from typing import Literal
 import numpy as np
 
 from posture_opt.calibration.estimation.parameters import Parameter
+from posture_opt.encoding import encoded
 from posture_opt.experiments.candidate_postures import Workspace
 from posture_opt.experiments.information import ExpectedErrors
 from posture_opt.experiments.plan_search import Tour
 from posture_opt.measurements.measurements import Measurements
-from posture_opt.numerics import Array, Json, Mask, finite_or_none
+from posture_opt.numerics import Array, Mask
 from posture_opt.result import Result
 from posture_opt.robot.posture import Posture
 from posture_opt.robot.robot import Joint, Robot
@@ -189,43 +190,39 @@ class MeasurementPlan(Result):
         every = {name: (cells[k],) * count for name, cells in self.columns.items()} | by_row
         return [*zip(*every.values(), strict=True)] or [()]
 
-    def fields_json(self) -> dict[str, Json]:
+    def fields_json(self) -> dict[str, object]:
         """The document ``plan.json``: SI units and radians."""
         stages = {"before": self.before, "after": self.after, "random": self.random}
         rows = enumerate(zip(self.postures, self.points, strict=True))
         own = [s.text for s in self.statements if s in self.remarks or s.id == "experiments.table-unstated"]
-        task: dict[str, Json] | None = None
+        task: dict[str, object] | None = None
         if self.target is not None:
-            posture = dict(zip(self.robot.joint_names, map(float, self.target.q), strict=True))
-            task = {"posture": posture, "std": {name: finite_or_none(stage.task) for name, stage in stages.items()}}
+            posture = dict(zip(self.robot.joint_names, self.target.q, strict=True))
+            task = {"posture": posture, "std": {name: stage.task for name, stage in stages.items()}}
         return {
             "purpose": self.purpose,
             "count": len(self.q),
             "repeats": self.repeats,
             "given": len(self.given) if self.given is not None else 0,
-            "postures": [
-                {"posture": q, "tool": [float(v) for v in point], **self._beside(k)} for k, (q, point) in rows
-            ],
-            "gain": self.gain,
-            "random_equivalent": self.equivalent,
+            "postures": [{"posture": q, "tool": point, **self._beside(k)} for k, (q, point) in rows],
+            **encoded(self, "gain random_equivalent=equivalent"),
             "parameters": [
-                {"name": p.name, "unit": p.unit, **{n: finite_or_none(float(s.std[i])) for n, s in stages.items()}}
+                {"name": p.name, "unit": p.unit, **{name: stage.std[i] for name, stage in stages.items()}}
                 for i, p in enumerate(self.parameters)
             ],
-            "observability": {name: dict(stage.observability) for name, stage in stages.items()},
+            "observability": {name: stage.observability for name, stage in stages.items()},
             "task": task,
-            "undetermined": list(self.undetermined),
-            "travel": self.tour.travel,
+            **encoded(self, "undetermined travel=tour.travel"),
             "blocked": [k + 1 for k in self.tour.blocked],
             "notes": [*self.notes, *own],
         }
 
-    def _beside(self, k: int) -> dict[str, Json]:
+    def _beside(self, k: int) -> dict[str, object]:
         """What else the document says of a posture: instrument, place, joints of a second arm [rad or m]."""
-        found: dict[str, Json] = {}
+        found: dict[str, object] = {}
         for name, cells in (("instrument", self.instruments), ("place", self.places)):
             found |= {name: cells[k]} if cells and cells[k] else {}
-        second = {one.name: float(one.values[k]) for one in self.second if np.isfinite(one.values[k])}
+        second = {one.name: one.values[k] for one in self.second if np.isfinite(one.values[k])}
         return {**found, "second": second} if second else found
 
 

@@ -70,9 +70,11 @@ class PossibleChange:
 
 def possible_changes(robot: Robot, data: Measurements) -> tuple[PossibleChange, ...]:
     """Everything that may have changed, whether or not these rows can show it, from the tool to effects of joints."""
-    found = [_geometric(f"{name}_frame", name, _frame(robot, name)) for name in ("tool", "base")]
-    free = {"base": robot.base_free, "tool": robot.tool_free}
-    found = [change for change in found if not free[change.target]]
+    found, known = [], robot.parameters
+    for name, free in (("tool", robot.tool_free), ("base", robot.base_free)):
+        own = [known[f"{name}.{part}"] for part in FRAME_PARTS if f"{name}.{part}" in known]
+        if not free:
+            found.append(_geometric(f"{name}_frame", name, tuple(_parameter(factor, name) for factor in own)))
     driven = set(robot.driven)
     for joint, index in zip(robot.joint_names, robot.driven, strict=True):
         factor = robot.factors[index]
@@ -92,11 +94,6 @@ def possible_changes(robot: Robot, data: Measurements) -> tuple[PossibleChange, 
 
 def _geometric(kind: str, target: str, parameters: tuple[Parameter, ...]) -> PossibleChange:
     return PossibleChange(kind, target, _SHARES[kind], parameters)
-
-
-def _frame(robot: Robot, name: str) -> tuple[Parameter, ...]:
-    known = robot.parameters
-    return tuple(_parameter(known[f"{name}.{part}"], name) for part in FRAME_PARTS if f"{name}.{part}" in known)
 
 
 def _parameter(factor: Factor, group: str) -> Parameter:

@@ -77,15 +77,17 @@ class Cloud(Result):
     @cached_property
     def statements(self) -> tuple[Statement, ...]:
         """How many samples lie where the closed form expects them, and how many do what the task asks."""
-        coverage = state("uncertainty.coverage", percent=100 * self.coverage95, samples=self.n)
-        return (coverage, *self._agreement(), *self._success(), *self.spread.limits, *self._stability())
-
-    def _agreement(self) -> Iterator[Statement]:
         low, high = self.coverage95_interval
         verdict = "agrees" if low <= 0.95 <= high else "less" if self.coverage95 < 0.95 else "more"
-        yield state(f"uncertainty.coverage-{verdict}", low=100 * low, high=100 * high)
-        if self.spread.validity.verdict != "good":
-            yield self.spread.validity.statement
+        validity = self.spread.validity
+        return (
+            state("uncertainty.coverage", percent=100 * self.coverage95, samples=self.n),
+            state(f"uncertainty.coverage-{verdict}", low=100 * low, high=100 * high),
+            *([] if validity.verdict == "good" else [validity.statement]),
+            *self._success(),
+            *self.spread.limits,
+            *self._stability(),
+        )
 
     def _success(self) -> Iterator[Statement]:
         seen, interval = self.spread.for_task, self.success_interval
