@@ -197,8 +197,9 @@ def test_evil_names_are_text_in_tables_and_in_the_drawing(tab: Browser, tmp_path
 def test_a_wide_table_says_that_it_scrolls(tab: Browser, tmp_path: Path) -> None:
     wide = Table(tuple(f"joint_{k} [deg]" for k in range(12)), (tuple("123.45" for _ in range(12)),), 0)
     narrow = Table(("a", "b"), (("1", "2"),), 0)
-    blocks = tuple(Block(f"Part {k}", (wide, narrow, Facts((("label", "x" * 200),)))) for k in range(5))
-    (tmp_path / "page.html").write_text(Page(Document("Long", (), blocks), brief=("Part 0",)).html())
+    facts = Facts((("label", "x" * 200), ("long", "word " * 160)))
+    blocks = tuple(Block(f"Part {k}", (wide, narrow, facts)) for k in range(5))
+    (tmp_path / "page.html").write_text(Page(Document("Long", (), blocks)).html())
     tab.open(tmp_path / "page.html", 390)
     assert overflow(tab) <= 0
     tab.wait("return document.querySelectorAll('details[open] > .wide.cut').length === 3")  # one in each open section

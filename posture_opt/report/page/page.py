@@ -9,16 +9,18 @@ from __future__ import annotations
 import gzip
 import json
 from base64 import b64encode
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from importlib import import_module
+from itertools import accumulate
 from typing import TYPE_CHECKING, Any
 
 from posture_opt import __version__
 from posture_opt.files import packaged
 from posture_opt.numerics import Json
 from posture_opt.report.text.blocks import Document, Facts, Table
+from posture_opt.report.text.text import render
 
 if TYPE_CHECKING:
     from jinja2 import Template
@@ -48,9 +50,7 @@ def packed(text: str) -> str:
     return b64encode(gzip.compress(text.encode(), 5, mtime=0)).decode("ascii")
 
 
-_MIN_OPEN_BLOCKS = (
-    3  # blocks: a page with fewer is short, and nothing of it is folded; of others so many are open at least
-)
+_OPEN_WORDS = 500  # words: blocks that begin within the first so many are open, later ones are folded
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,6 @@ class Page:
         images: PNG files by the name of the figure; ``captions`` say what they show.
         view: the interactive view; None: there is none.
         hint: whether to say how to get one.
-        brief: titles of the blocks that are open at first; the others are folded. None: all are open.
         problem_file: its text, shown at the end.
     """
 
@@ -70,16 +69,14 @@ class Page:
     captions: Mapping[str, str] = field(default_factory=dict)
     view: Any = None
     hint: bool = False
-    brief: Collection[str] | None = None
     problem_file: str = ""
 
     def html(self) -> str:
         """The page."""
         view, keys = self.view, frozenset() if self.view is None else self.view.keys
-        titles = [block.title for block in self.report.blocks]
-        briefed = [title for title in titles if self.brief is None or title in self.brief]
-        # A page of fewer than three blocks is short, and nothing of it is folded; of others so many are open at least.
-        opened = briefed if len(briefed) >= _MIN_OPEN_BLOCKS else (*briefed, *titles[:_MIN_OPEN_BLOCKS])
+        words = [len(render(Document("", (), (block,))).split()) for block in self.report.blocks]
+        begins = accumulate(words, initial=0)
+        opened = {block.title for block, at in zip(self.report.blocks, begins, strict=False) if at < _OPEN_WORDS}
 
         def shown(views: Sequence[str], k: int) -> str:
             """The key of what row or column k shows in the view; empty where that is nothing."""
@@ -95,7 +92,7 @@ class Page:
             page=self,
             report=self.report,
             blocks=[(f"part-{k}", block) for k, block in enumerate(self.report.blocks, 1)],
-            opened=frozenset(opened),
+            opened=opened,
             images={name: encoded(data) for name, data in self.images.items()},
             encoded=encoded,
             keys=keys,

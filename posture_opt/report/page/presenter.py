@@ -209,5 +209,4 @@ class Presenter(SummaryPresenter[R]):
         report = self.document().whole
         viewed = pictures and type(self).view is not Presenter.view
         view = self.view() if viewed and plotly_js() else None
-        brief = frozenset(block.title for block in report.blocks if block.short.items)
-        return Page(report, view=view, hint=viewed and view is None, brief=brief, problem_file=self.problem_file)
+        return Page(report, view=view, hint=viewed and view is None, problem_file=self.problem_file)
