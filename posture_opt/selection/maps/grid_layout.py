@@ -31,7 +31,7 @@ class Grid(Encoded, json="origin axes values order"):
     origin: Array  # (3,) [m], world
     axes: Array  # (3, 3) unit vectors e1, e2, e3, one a row: the two that a figure shows, and the one across them
     values: tuple[Array, Array, Array]  # of u, v, w [m], ascending
-    order: ClassVar = "the first axis runs fastest"
+    order: ClassVar[str] = "the first axis runs fastest"
 
     @property
     def shape(self) -> tuple[int, int, int]:
